@@ -1,0 +1,6 @@
+"""``python -m mpcplan``: the command line."""
+
+from mpcplan.cli import entry
+
+if __name__ == "__main__":
+    entry()

@@ -1,0 +1,185 @@
+"""Two results tables compared on the scenarios that both solved."""
+
+import csv
+import math
+import statistics
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from mpcplan.bench.store import cluster_of
+from mpcplan.bench.table import align, figure
+from mpcplan.errors import InputError
+from mpcplan.score.tr1 import CHECKER_WEIGHTS, PARTS
+
+_NEEDED = ("scenario", "valid", "TR1")
+_TIE = 1e-6  # relative difference of costs below which nobody wins
+
+
+@dataclass(frozen=True)
+class Result:
+    """One scenario in one table: solved or not, its cost and weighted parts where known."""
+
+    scenario: str
+    solved: bool
+    tr1: float | None
+    parts: dict[str, float]
+
+
+Results = dict[str, Result]
+
+
+def compare(a_csv: str | Path, b_csv: str | Path, planner: str | None = None) -> str:
+    """Compare a results.csv (or the folder of one) with another, as text.
+
+    The second table may hold several planners, told apart by a column ``planner``: the first is
+    then compared with each, or with the one asked for.
+
+    Raises:
+        InputError: a file is missing, broken, without a needed column or planner.
+    """
+    ours = read_results(a_csv)
+    if len(ours) > 1:
+        raise InputError(
+            f"{a_csv} holds several planners ({', '.join(ours)}): give it as the second table"
+        )
+    theirs = read_results(b_csv)
+    if planner is not None and planner not in theirs:
+        known = ", ".join(name for name in theirs if name) or "no planners named"
+        raise InputError(f"{b_csv} has no planner {planner!r}, it has: {known}")
+    chosen = [planner] if planner is not None else list(theirs)
+    (a,) = ours.values()
+    head = f"A = {a_csv}"
+    blocks = [_against(a, theirs[name], f"{name or ''} {b_csv}".strip()) for name in chosen]
+    return "\n\n".join([head, *blocks])
+
+
+def read_results(path: str | Path) -> dict[str, Results]:
+    """Results by planner ('' without a column of that name) and scenario; raises InputError."""
+    path = Path(path)
+    path = path / "results.csv" if path.is_dir() else path
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            reader = csv.DictReader(file)
+            missing = [name for name in _NEEDED if name not in (reader.fieldnames or ())]
+            if missing:
+                raise InputError(f"{path} has no column {', '.join(missing)}: not a results table")
+            results: dict[str, Results] = defaultdict(dict)
+            for row in reader:
+                result = _result(row, f"{path}, line {reader.line_num}")
+                results[row.get("planner") or ""][result.scenario] = result
+    except OSError as error:
+        raise InputError(f"cannot read {path}: {error.strerror}") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(f"{path} is not a CSV table: {error}") from error
+    if not results:
+        raise InputError(f"{path} has no rows")
+    return dict(results)
+
+
+def _result(row: dict[str, str], place: str) -> Result:
+    """One line of a table."""
+    if not row["scenario"] or row["TR1"] is None or row["valid"] is None:
+        raise InputError(f"{place}: the row is incomplete")
+    if row["valid"].lower() not in ("true", "false", "1", "0", ""):
+        raise InputError(f"{place}: valid is {row['valid']!r}, expected True or False")
+    solved = row["valid"].lower() in ("true", "1")
+    values = {name: _number(row.get(name), f"{place}: {name}") for name in ("TR1", *PARTS)}
+    parts = {n: CHECKER_WEIGHTS[n] * v for n in PARTS if (v := values[n]) is not None}
+    return Result(row["scenario"], solved, values["TR1"], parts)
+
+
+def _number(text: str | None, what: str) -> float | None:
+    """A finite number, None for an empty cell; raises InputError for anything else."""
+    if not text:
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        raise InputError(f"{what} is {text!r}, not a number") from None
+    return value if math.isfinite(value) else None
+
+
+def _against(a: Results, b: Results, name: str) -> str:
+    """The block of lines for one pair."""
+    common = sorted(set(a) & set(b))
+    if not common:
+        return f"B = {name}\nno scenario in common"
+    both = [s for s in common if a[s].solved and b[s].solved]
+    only_a = [s for s in common if a[s].solved and not b[s].solved]
+    only_b = [s for s in common if b[s].solved and not a[s].solved]
+    neither = len(common) - len(both) - len(only_a) - len(only_b)
+    lines = [
+        f"B = {name}",
+        f"{len(common)} scenarios in common: both solved {len(both)}, only A {len(only_a)}, "
+        f"only B {len(only_b)}, neither {neither}",
+        *(f"only {x}: {', '.join(ids)}" for x, ids in (("A", only_a), ("B", only_b)) if ids),
+    ]
+    pairs = [(a[s], b[s]) for s in both if a[s].tr1 is not None and b[s].tr1 is not None]
+    return "\n".join([*lines, "", *_cost_lines(common, a, b, pairs)])
+
+
+def _cost_lines(
+    common: Sequence[str], a: Results, b: Results, pairs: list[tuple[Result, Result]]
+) -> list[str]:
+    """Costs on the scenarios that both solved, per cluster and in all."""
+    if not pairs:
+        return ["no scenario that both solved with a cost"]
+    clusters: dict[str, list[str]] = defaultdict(list)
+    for scenario in common:
+        clusters[cluster_of(scenario)].append(scenario)
+    groups = [*sorted(clusters.items()), ("all", list(common))]
+    head = (
+        *("cluster", "common", "A solved", "B solved", "both"),
+        *("A mean", "B mean", "A std", "B std", "A worst", "B worst"),
+    )
+    table = [head, *(_cluster_cells(name, ids, a, b, pairs) for name, ids in groups)]
+    return [align(table), "", align(_parts_table(pairs)), "", _ratios(pairs)]
+
+
+def _cluster_cells(
+    name: str, ids: Sequence[str], a: Results, b: Results, pairs: list[tuple[Result, Result]]
+) -> tuple[str, ...]:
+    """One line of the table per cluster."""
+    inside = set(ids)
+    costs = [(x.tr1 or 0.0, y.tr1 or 0.0) for x, y in pairs if x.scenario in inside]
+    solved = [str(sum(results[s].solved for s in ids)) for results in (a, b)]
+    columns = ([x for x, _ in costs], [y for _, y in costs])
+    figures = [
+        figure(column, f) for f in (statistics.fmean, statistics.pstdev, max) for column in columns
+    ]
+    return (name, str(len(ids)), *solved, str(len(costs)), *figures)
+
+
+def _parts_table(pairs: list[tuple[Result, Result]]) -> list[tuple[str, ...]]:
+    """Mean and median of TR1 and of its weighted parts."""
+    table: list[tuple[str, ...]] = [
+        ("on those that both solved", "A mean", "B mean", "A median", "B median")
+    ]
+    for part in ("TR1", *PARTS):
+        columns: list[list[float]] = [[], []]
+        for pair in pairs:
+            values = [r.tr1 if part == "TR1" else r.parts.get(part) for r in pair]
+            if values[0] is not None and values[1] is not None:
+                columns[0].append(values[0])
+                columns[1].append(values[1])
+        cells = [figure(c, f) for f in (statistics.fmean, statistics.median) for c in columns]
+        table.append((part if part == "TR1" else f"{part} (weighted)", *cells))
+    return table
+
+
+def _ratios(pairs: list[tuple[Result, Result]]) -> str:
+    """Ratio of the means, median of the ratios, and who wins how often."""
+    costs = [(x.tr1 or 0.0, y.tr1 or 0.0) for x, y in pairs]
+    a_mean, b_mean = (statistics.fmean(column) for column in zip(*costs, strict=True))
+    ratios = [x / y for x, y in costs if y > 0]
+    tie = [math.isclose(x, y, rel_tol=_TIE) for x, y in costs]
+    a_wins = sum(x < y and not t for (x, y), t in zip(costs, tie, strict=True))
+    b_wins = len(costs) - a_wins - sum(tie)
+    of_means = f"{a_mean / b_mean:.3f}" if b_mean > 0 else "-"
+    return (
+        f"A / B: ratio of the means {of_means}, "
+        f"median of the ratios {figure(ratios, statistics.median)}; "
+        f"A is better on {a_wins}, B on {b_wins}, equal on {sum(tie)}"
+    )

@@ -1,0 +1,149 @@
+"""Typed, validated configuration: every parameter with its unit, range and meaning."""
+
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+def par(default: Any, unit: str, meaning: str, **limits: Any) -> Any:
+    """A parameter: its default, unit, meaning and limits (pydantic's gt, ge, lt, le)."""
+    return Field(default, description=meaning, json_schema_extra={"unit": unit}, **limits)
+
+
+class Section(BaseModel):
+    """A group of parameters; unknown keys are refused and values cannot change."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
+
+
+class CostConfig(Section):
+    """The TR1 cost that the planner minimises, and what it adds to it."""
+
+    jerk: float = par(0.01, "s^5/m^2", "weight of the squared longitudinal jerk", ge=0, le=1e3)
+    steering_rate: float = par(22.0, "s/rad^2", "weight of the squared steering rate", ge=0, le=1e4)
+    distance: float = par(8.0, "1/s", "weight of closeness to the obstacle ahead", ge=0, le=1e4)
+    lane: float = par(0.5, "1/(m^2 s)", "weight of the squared lane offset (report: 5)", ge=0, le=1e3)
+    distance_decay: float = par(0.2, "1/m", "decay of the closeness with the gap", gt=0, le=10)
+    distance_offset: float = par(
+        0.6696, "m", "subtracted from the distance between centres", ge=0, le=5
+    )
+    distance_lateral: float = par(
+        2.8, "m", "obstacles within this lateral distance count as ahead", gt=0, le=10
+    )
+
+
+class RoadConfig(Section):
+    """Route, reference path and limits of the drivable area."""
+
+    variants: int = par(3, "1", "routes considered at most", ge=1, le=10)
+    spacing: float = par(0.5, "m", "sampling of the reference path", gt=0.05, le=2)
+    smoothing: float = par(
+        30.0, "m^4", "penalty on the second derivative of the reference path", ge=0, le=1e5
+    )
+    curvature_max: float = par(
+        0.3, "1/m", "the reference is smoothed until its curvature is below this", gt=0.01, le=0.5
+    )
+    behind: float = par(20.0, "m", "reference path kept behind the start", ge=5, le=100)
+    ahead: float = par(60.0, "m", "reference path kept past what can be reached", ge=10, le=500)
+    margin: float = par(0.05, "m", "distance kept from the road's edge", ge=0, le=1)
+    lateral_acceleration: float = par(
+        5.0, "m/s^2", "lateral acceleration that planned speeds respect in curves", gt=0.5, le=11
+    )
+    speed_limit_factor: float = par(
+        1.0, "1", "planned speeds stay below this multiple of the signs' limit", gt=0.1, le=2
+    )
+    speed_max: float = par(40.0, "m/s", "speed limit where no sign stands", gt=1, le=45.8)
+
+
+class PredictConfig(Section):
+    """How the other vehicles' motion is predicted."""
+
+    kind: Literal["recorded", "constant_input"] = par(
+        "recorded", "", "recorded trajectories, or constant acceleration and yaw rate"
+    )
+    horizon: float = par(3.0, "s", "length of constant_input's prediction", gt=0.1, le=20)
+    history: int = par(5, "1", "past boxes from which acceleration and yaw rate are fitted", ge=2, le=50)
+
+
+class SeedConfig(Section):
+    """The sampled lattice (Werling 2010, 2012)."""
+
+    speeds: int = par(9, "1", "sampled end speeds", ge=2, le=50)
+    speed_change: float = par(
+        8.0, "m/s", "sampled end speeds reach this far above the present speed", gt=0, le=30
+    )
+    times: tuple[float, ...] = par(
+        (1.0, 2.0, 3.0), "s", "sampled durations of the first speed change", min_length=1
+    )
+    goal_positions: int = par(3, "1", "sampled arrival positions in the goal region", ge=1, le=20)
+    goal_speeds: int = par(3, "1", "sampled arrival speeds", ge=1, le=20)
+    stop_distances: int = par(8, "1", "sampled stopping positions", ge=1, le=50)
+    follow_gaps: tuple[float, ...] = par(
+        (8.0, 14.0, 22.0), "m", "sampled gaps behind a leader", min_length=1
+    )
+    offsets: tuple[float, ...] = par(
+        (-0.6, 0.0, 0.6), "m", "sampled end offsets from a lane's centre", min_length=1
+    )
+    lengths: tuple[float, ...] = par(
+        (15.0, 40.0), "m", "sampled lengths of a lateral move", min_length=1
+    )
+    margin_lon: float = par(0.5, "m", "gap kept ahead and behind", ge=0, le=5)
+    margin_lat: float = par(0.15, "m", "gap kept to the side", ge=0, le=2)
+    goal_missed: float = par(
+        200.0, "1", "cost of a candidate that misses the goal", ge=0, le=1e6
+    )
+    goal_distance: float = par(
+        5.0, "1/m", "cost of each metre by which the goal is missed", ge=0, le=1e6
+    )
+    road_slack: float = par(
+        0.6, "m", "excess over the road's edge that the refinement is trusted to repair", ge=0, le=2
+    )
+    steering_slack: float = par(
+        0.4, "rad/s", "excess steering rate that the refinement is trusted to repair", ge=0, le=2
+    )
+    slack_cost: float = par(30.0, "1/m, s/rad", "cost of either excess", ge=0, le=1e4)
+    search: bool = par(True, "", "search speed profiles where the lattice finds no way to the goal")
+    search_steps: int = par(3, "time steps", "duration of one move of the search", ge=1, le=10)
+    search_actions: tuple[float, ...] = par(
+        (-9.0, -6.0, -3.0, -1.5, 0.0, 1.5, 3.0), "m/s^2", "accelerations of the search", min_length=2
+    )
+    search_labels: int = par(1500, "1", "states kept per move of the search", ge=10, le=100000)
+    finalists: int = par(2, "1", "candidates that are handed on to the refinement", ge=1, le=10)
+
+
+class RefineConfig(Section):
+    """The optimal-control problem and its solution by sequential quadratic programming."""
+
+    enabled: bool = par(True, "", "refine the seeds; otherwise the sampled lattice drives alone")
+    horizon: float | Literal["goal"] = par(
+        3.0, "s", "length of the problem, or 'goal' for the whole way to the goal"
+    )
+    iterations: int = par(12, "1", "SQP iterations at most", ge=1, le=200)
+    tolerance: float = par(1e-3, "1", "KKT residual at which the iteration ends", gt=0, le=1)
+
+
+class VerifyConfig(Section):
+    """What a plan must pass before it is executed."""
+
+    position_tolerance: float = par(1e-6, "m", "re-simulated positions agree to this", gt=0, le=0.01)
+    margin: float = par(0.05, "m", "gap kept to every predicted rectangle", ge=0, le=1)
+    braking: float = par(8.0, "m/s^2", "deceleration of the fail-safe tail", gt=1, le=11.5)
+
+
+class DriveConfig(Section):
+    """The closed loop."""
+
+    replan: float = par(0.3, "s", "time between planning cycles", ge=0.1, le=5)
+    steps_max: int = par(1000, "1", "time steps driven at most", ge=1, le=100000)
+
+
+class Config(Section):
+    """The whole configuration."""
+
+    cost: CostConfig = par(CostConfig(), "", "the planner's cost")
+    road: RoadConfig = par(RoadConfig(), "", "route, reference path and limits")
+    predict: PredictConfig = par(PredictConfig(), "", "prediction of the other vehicles")
+    seed: SeedConfig = par(SeedConfig(), "", "the sampled lattice")
+    refine: RefineConfig = par(RefineConfig(), "", "the optimal-control problem")
+    verify: VerifyConfig = par(VerifyConfig(), "", "checks before execution")
+    drive: DriveConfig = par(DriveConfig(), "", "the closed loop")

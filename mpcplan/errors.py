@@ -1,0 +1,21 @@
+"""The package's own exceptions: what is wrong, where, and what to do next."""
+
+
+class MpcplanError(Exception):
+    """Base of all errors that the package raises on purpose."""
+
+
+class InputError(MpcplanError):
+    """The user's input is at fault (file, id, field or time step named); exit code 2."""
+
+
+class ConfigError(InputError):
+    """A configuration key or value is at fault (file, key, value and what is allowed named)."""
+
+
+class RoadError(MpcplanError):
+    """No route, reference path or drivable area could be built for a planning problem."""
+
+
+class RefereeError(MpcplanError):
+    """The official checker's process died or answered nothing usable."""

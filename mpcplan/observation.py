@@ -1,0 +1,102 @@
+"""What a planner may know: the vehicle's own state and the boxes of the others, now and before.
+
+An :class:`Observation` is all that a planner is given in a cycle. It holds no future of any other
+vehicle: in recorded scenarios the recorded trajectories reach only the predictor that is meant to
+use them (:mod:`mpcplan.predict.recorded`), at construction.
+"""
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from mpcplan.trajectory import Array
+
+
+class Box(IntEnum):
+    """Columns of an array of boxes: centre [m], heading [rad], speed [m/s], length, width [m]."""
+
+    X = 0
+    Y = 1
+    PSI = 2
+    V = 3
+    LENGTH = 4
+    WIDTH = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """The others at one time step.
+
+    Attributes:
+        step: the time step.
+        ids: (n,) obstacle ids.
+        boxes: (n, 6) columns :class:`Box`.
+    """
+
+    step: int
+    ids: tuple[int, ...]
+    boxes: Array
+
+    def box_of(self, obstacle: int) -> Array | None:
+        """(6,) box of an obstacle, or None where it is not there."""
+        return self.boxes[self.ids.index(obstacle)] if obstacle in self.ids else None
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """A planner's input in one cycle.
+
+    Attributes:
+        step: present time step.
+        state: (5,) own state at the rear axle, columns :class:`mpcplan.trajectory.State`.
+        acceleration: own acceleration in the step before [m/s^2].
+        others: snapshots of the others, the oldest first, the last one at ``step``.
+    """
+
+    step: int
+    state: Array
+    acceleration: float
+    others: tuple[Snapshot, ...]
+
+    @property
+    def now(self) -> Snapshot:
+        """The others at the present time step."""
+        return self.others[-1]
+
+
+@dataclass(frozen=True, eq=False)
+class Forecast:
+    """Predicted boxes of the others.
+
+    Attributes:
+        first_step: time step of the first prediction.
+        ids: (o,) obstacle ids.
+        boxes: (o, k, 6) columns :class:`Box`; NaN where an obstacle is not there.
+    """
+
+    first_step: int
+    ids: tuple[int, ...]
+    boxes: Array
+
+    @property
+    def last_step(self) -> int:
+        """Time step of the last prediction."""
+        return self.first_step + self.boxes.shape[1] - 1
+
+    def at(self, steps: Array) -> Array:
+        """(o, n, 6) boxes at time steps (n,); NaN outside the forecast."""
+        index = np.asarray(steps, int) - self.first_step
+        inside = (index >= 0) & (index < self.boxes.shape[1])
+        boxes = self.boxes[:, np.clip(index, 0, max(self.boxes.shape[1] - 1, 0))]
+        return np.where(inside[None, :, None], boxes, np.nan)
+
+
+def box_corners(boxes: Array) -> Array:
+    """(..., 4, 2) corners [m] of boxes (..., 6)."""
+    c, s = np.cos(boxes[..., Box.PSI]), np.sin(boxes[..., Box.PSI])
+    half_l = boxes[..., Box.LENGTH, None] / 2 * np.array([-1, 1, 1, -1])
+    half_w = boxes[..., Box.WIDTH, None] / 2 * np.array([-1, -1, 1, 1])
+    x = boxes[..., Box.X, None] + c[..., None] * half_l - s[..., None] * half_w
+    y = boxes[..., Box.Y, None] + s[..., None] * half_l + c[..., None] * half_w
+    return np.stack([x, y], axis=-1)

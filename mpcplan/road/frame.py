@@ -1,0 +1,143 @@
+"""The reference path and its Frenet frame.
+
+The reference path is a C2 curve p(s) with heading theta(s) and curvature kappa(s). A point has
+Frenet coordinates (s, d): p(s) is its nearest point on the path, d its signed distance to the left.
+The frame is unique where 1 - kappa(s) d > 0; :attr:`Frame.domain` states the d that it covers.
+
+Source: Werling, Ziegler, Kammel, Thrun: Optimal trajectory generation for dynamic street
+scenarios in a Frenet frame, ICRA 2010.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.spatial import cKDTree
+
+from mpcplan.trajectory import Array
+
+NEWTON_ITERATIONS = 4
+FOLLOW_REACH = 12.0  # m, a body's points lie within this of its centre along the path
+MIN_STRETCH = 0.1  # smallest 1 - kappa d of the domain
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """Frenet frame of a reference path.
+
+    Attributes:
+        s: (n,) arc lengths [m], uniformly spaced from 0.
+        points: (n, 2) points [m].
+    """
+
+    s: Array
+    points: Array
+
+    @cached_property
+    def _curve(self) -> CubicSpline:
+        return CubicSpline(self.s, self.points, bc_type="natural")
+
+    @cached_property
+    def _derivatives(self) -> tuple[CubicSpline, CubicSpline]:
+        return self._curve.derivative(1), self._curve.derivative(2)
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(self.points)
+
+    @cached_property
+    def theta(self) -> Array:
+        """(n,) unwrapped headings [rad] at ``s``."""
+        tangent = self._derivatives[0](self.s)
+        return np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
+
+    @cached_property
+    def kappa(self) -> Array:
+        """(n,) curvatures [1/m] at ``s``."""
+        t, n = self._derivatives[0](self.s), self._derivatives[1](self.s)
+        return (t[:, 0] * n[:, 1] - t[:, 1] * n[:, 0]) / np.hypot(t[:, 0], t[:, 1]) ** 3
+
+    @cached_property
+    def dkappa(self) -> Array:
+        """(n,) derivative of the curvature [1/m^2] at ``s``."""
+        return np.gradient(self.kappa, self.s)
+
+    @property
+    def length(self) -> float:
+        """Length of the reference path [m]."""
+        return float(self.s[-1])
+
+    @property
+    def spacing(self) -> float:
+        """Distance between samples [m]."""
+        return float(self.s[1] - self.s[0])
+
+    def domain(self, s: Array) -> tuple[Array, Array]:
+        """Least and largest d [m] at which the projection is unique (1 - kappa d >= 0.1)."""
+        kappa = self.curvature(s)
+        reach = (1 - MIN_STRETCH) / np.maximum(np.abs(kappa), 1e-9)
+        return np.where(kappa < 0, -reach, -np.inf), np.where(kappa > 0, reach, np.inf)
+
+    def curvature(self, s: Array) -> Array:
+        """Curvature [1/m] at arc lengths s [m]; constant beyond the ends."""
+        return np.interp(s, self.s, self.kappa)
+
+    def curvature_slope(self, s: Array) -> Array:
+        """Derivative of the curvature [1/m^2] at arc lengths s [m]."""
+        return np.interp(s, self.s, self.dkappa)
+
+    def heading(self, s: Array) -> Array:
+        """Heading [rad] of the path at arc lengths s [m]."""
+        return np.interp(s, self.s, self.theta)
+
+    def to_cartesian(self, s: Array, d: Array) -> Array:
+        """(..., 2) points [m] at Frenet coordinates; s is extended linearly beyond the ends."""
+        s, d = np.broadcast_arrays(np.asarray(s, float), np.asarray(d, float))
+        inside = np.clip(s, 0.0, self.length)
+        tangent = self._tangent(inside)
+        normal = np.stack([-tangent[..., 1], tangent[..., 0]], axis=-1)
+        return self._curve(inside) + (s - inside)[..., None] * tangent + d[..., None] * normal
+
+    def _tangent(self, s: Array) -> Array:
+        """(..., 2) unit tangents at arc lengths inside the ends."""
+        tangent = self._derivatives[0](s)
+        return tangent / np.hypot(tangent[..., 0], tangent[..., 1])[..., None]
+
+    def to_frenet(self, points: Array, near: Array | None = None) -> tuple[Array, Array]:
+        """Frenet coordinates (s, d) [m] of (..., 2) points: their nearest point on the path.
+
+        Beyond the ends the path is continued by its tangents. Where several points of the path
+        are equally near (outside :meth:`domain`), one of them is returned.
+
+        Args:
+            points: the points [m].
+            near: (...) arc lengths [m] from which the projection is followed, so that all points
+                of one body land on the same stretch of a winding path; None: the nearest sample.
+        """
+        points = np.asarray(points, float)
+        shape = points.shape[:-1]
+        flat = points.reshape(-1, 2)
+        if near is None:
+            s = self.s[self._tree.query(flat)[1]]
+            low, high = s - self.spacing, s + self.spacing
+        else:
+            s = np.asarray(near, float).reshape(-1)
+            low, high = s - FOLLOW_REACH, s + FOLLOW_REACH
+        for _ in range(NEWTON_ITERATIONS):
+            s = np.clip(s - self._newton_step(flat, s), low, high)
+        inside = np.clip(s, 0.0, self.length)
+        tangent, offset = self._tangent(inside), flat - self._curve(inside)
+        along = (offset * tangent).sum(-1)
+        d = tangent[:, 0] * offset[:, 1] - tangent[:, 1] * offset[:, 0]
+        beyond = (s <= 0.0) | (s >= self.length)
+        s = np.where(beyond, inside + along, s)
+        return s.reshape(shape), d.reshape(shape)
+
+    def _newton_step(self, points: Array, s: Array) -> Array:
+        """Newton step of (p(s) - q) . p'(s) = 0 on the path, inside its ends."""
+        inside = np.clip(s, 0.0, self.length)
+        gap = self._curve(inside) - points
+        tangent, second = self._derivatives[0](inside), self._derivatives[1](inside)
+        slope = (tangent**2).sum(-1) + (gap * second).sum(-1)
+        return (gap * tangent).sum(-1) / np.maximum(slope, MIN_STRETCH)

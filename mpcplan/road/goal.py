@@ -1,0 +1,152 @@
+"""The goal of a planning problem, seen along a reference path.
+
+A goal state becomes a window: time steps [first, last], the arc lengths and offsets of the
+vehicle's centre at which its position region is met (None: anywhere), and intervals of speed and
+heading. The official test (`GoalRegion.is_reached`) has the last word on what was driven.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from commonroad.common.util import AngleInterval, Interval
+from commonroad.geometry.shape import Shape, ShapeGroup
+from commonroad.planning.planning_problem import PlanningProblem
+from commonroad.scenario.state import CustomState, TraceState
+
+from mpcplan.road.frame import Frame
+from mpcplan.trajectory import Array, State
+from mpcplan.vehicle import FORD_ESCORT
+
+LATERAL_REACH = 7.0  # m, the region is looked for this far beside the reference
+LATERAL_STEP = 0.25  # m
+EDGE = 0.1  # m, windows are this much smaller than what was sampled
+
+
+@dataclass(frozen=True)
+class GoalWindow:
+    """One goal state along a reference path.
+
+    Attributes:
+        first, last: time steps between which it may be reached.
+        s: (least, largest) arc length [m] of the vehicle's centre, or None.
+        d: (least, largest) offset [m] of the centre within that range, or None.
+        v: (least, largest) speed [m/s], or None.
+        psi: (least, largest) heading [rad], or None.
+    """
+
+    first: int
+    last: int
+    s: tuple[float, float] | None
+    d: tuple[float, float] | None
+    v: tuple[float, float] | None
+    psi: tuple[float, float] | None
+
+
+def goal_windows(
+    problem: PlanningProblem, frame: Frame, start: float, last_step: int
+) -> tuple[GoalWindow, ...]:
+    """Windows of all goal states that the path from arc length ``start`` on meets.
+
+    Args:
+        problem: the planning problem, in the frame's coordinates.
+        frame: the reference path.
+        start: arc length [m] of the vehicle's centre at the beginning.
+        last_step: time step taken as the last one where the goal gives no time.
+    """
+    windows = [_window(state, frame, start, last_step) for state in problem.goal.state_list]
+    return tuple(window for window in windows if window is not None)
+
+
+def _window(
+    state: TraceState, frame: Frame, start: float, last_step: int
+) -> GoalWindow | None:
+    first, last = 0, last_step
+    if state.has_value("time_step"):
+        first, last = (int(v) for v in _interval(state.time_step))
+    s = d = None
+    if state.has_value("position"):
+        met = _position_window(region_of(state.position), frame, start)
+        if met is None:
+            return None
+        s, d = met
+    v = _interval(state.velocity) if state.has_value("velocity") else None
+    psi = _interval(state.orientation) if state.has_value("orientation") else None
+    return GoalWindow(first, last, s, d, v, psi)
+
+
+def region_of(shape: Shape) -> shapely.Geometry:
+    """The area of a CommonRoad shape, the union where it is a group."""
+    if isinstance(shape, ShapeGroup):
+        return shapely.union_all([region_of(part) for part in shape.shapes])
+    return shape.shapely_object
+
+
+def _interval(value: Interval | AngleInterval | float) -> tuple[float, float]:
+    if isinstance(value, Interval | AngleInterval):
+        return float(value.start), float(value.end)
+    return float(value), float(value)
+
+
+def _position_window(
+    region: shapely.Geometry, frame: Frame, start: float
+) -> tuple[tuple[float, float], tuple[float, float]] | None:
+    """Range of s, and of d about its middle, in which the path's neighbourhood meets the region.
+
+    Of all offsets the one nearest to the reference that meets the region is taken; of several
+    stretches along it the longest that is not passed yet.
+    """
+    offsets = np.arange(-LATERAL_REACH, LATERAL_REACH + LATERAL_STEP / 2, LATERAL_STEP)
+    points = frame.to_cartesian(frame.s[:, None], offsets[None, :])
+    inside = shapely.contains_xy(region, points[..., 0], points[..., 1])
+    inside[frame.s < start] = False
+    if not inside.any():
+        return None
+    met = offsets[inside.any(axis=0)]
+    column = int(np.argmin(np.abs(offsets - met[np.argmin(np.abs(met))])))
+    low, high = _longest_run(inside[:, column])
+    middle = (low + high) // 2
+    left, right = _run_around(inside[middle], column)
+    return (
+        _shrunk(frame.s[low], frame.s[high]),
+        _shrunk(offsets[left], offsets[right]),
+    )
+
+
+def _longest_run(mask: Array) -> tuple[int, int]:
+    """First and last index of the longest run of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(int), [0]])))
+    starts, ends = edges[::2], edges[1::2] - 1
+    best = int(np.argmax(ends - starts))
+    return int(starts[best]), int(ends[best])
+
+
+def _run_around(mask: Array, index: int) -> tuple[int, int]:
+    """First and last index of the run of True around ``index``."""
+    low = high = index
+    while low > 0 and mask[low - 1]:
+        low -= 1
+    while high + 1 < len(mask) and mask[high + 1]:
+        high += 1
+    return low, high
+
+
+def _shrunk(low: float, high: float) -> tuple[float, float]:
+    edge = min(EDGE, (high - low) / 2)
+    return float(low + edge), float(high - edge)
+
+
+def is_reached(problem: PlanningProblem, state: Array, step: int) -> bool:
+    """Whether the rear-axle state (columns :class:`State`) meets the goal, by the official test."""
+    times = [g.time_step for g in problem.goal.state_list if g.has_value("time_step")]
+    if len(times) == len(problem.goal.state_list) and not any(
+        _interval(t)[0] <= step <= _interval(t)[1] for t in times
+    ):
+        return False  # the official test copies the goal: keep it for the steps that can succeed
+    psi = float(state[State.PSI])
+    ahead = FORD_ESCORT.rear_to_centre * np.array([np.cos(psi), np.sin(psi)])
+    centre = state[[State.X, State.Y]] + ahead
+    judged = CustomState(
+        position=centre, velocity=float(state[State.V]), orientation=psi, time_step=step
+    )
+    return bool(problem.goal.is_reached(judged))

@@ -1,0 +1,94 @@
+"""The road of one route: reference path, limits and goal in one value."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from commonroad.planning.planning_problem import PlanningProblem
+from commonroad.scenario.scenario import Scenario
+
+from mpcplan.config import RoadConfig
+from mpcplan.errors import RoadError
+from mpcplan.road.frame import Frame
+from mpcplan.road.goal import GoalWindow, goal_windows
+from mpcplan.road.limits import Limits, build_limits, drivable_area
+from mpcplan.road.reference import build_frame
+from mpcplan.road.route import Route, find_routes
+from mpcplan.trajectory import Array
+
+OPEN_END_STEP = 200  # last time step where the goal sets no time
+ACCELERATION = 3.0  # m/s^2, mean acceleration for which the reference is long enough
+REACH_MAX = 400.0  # m
+
+
+@dataclass(frozen=True, eq=False)
+class Road:
+    """One route with everything that planning along it needs.
+
+    Attributes:
+        route: the lanelets.
+        frame: the reference path.
+        limits: drivable area, lanes and speeds along it.
+        goals: windows of the goal states that this route meets (never empty).
+        area: the whole drivable area.
+    """
+
+    route: Route
+    frame: Frame
+    limits: Limits
+    goals: tuple[GoalWindow, ...]
+    area: shapely.Geometry
+
+    @property
+    def last_step(self) -> int:
+        """The last time step at which a goal may be reached."""
+        return max(goal.last for goal in self.goals)
+
+
+def build_roads(
+    scenario: Scenario, problem: PlanningProblem, config: RoadConfig
+) -> tuple[Road, ...]:
+    """Roads of all routes that meet the goal, the most direct first.
+
+    Raises:
+        RoadError: where there is none (with the reason of each route).
+    """
+    network = scenario.lanelet_network
+    area = drivable_area(network)
+    start = np.asarray(problem.initial_state.position, float)
+    last_step = _last_step(problem)
+    duration = (last_step - problem.initial_state.time_step) * scenario.dt
+    speed = float(problem.initial_state.velocity)
+    reach = min(duration * (speed + ACCELERATION * duration / 2) + 10.0, REACH_MAX)
+    roads, reasons = [], []
+    for route in find_routes(network, problem, config.variants):
+        try:
+            frame = build_frame(network, route, start, reach, config)
+        except RoadError as error:
+            reasons.append(f"{route.lanelets}: {error}")
+            continue
+        goals = goal_windows(problem, frame, float(frame.to_frenet(start)[0]), last_step)
+        if goals:
+            limits = build_limits(scenario, area, frame, config)
+            roads.append(Road(route, frame, limits, goals, area))
+        else:
+            reasons.append(f"{route.lanelets}: its path does not meet the goal region ahead")
+    if not roads:
+        raise RoadError(
+            f"planning problem {problem.planning_problem_id}: no usable route; " + "; ".join(reasons)
+        )
+    return tuple(roads)
+
+
+def _last_step(problem: PlanningProblem) -> int:
+    """Last time step of any goal state; OPEN_END_STEP after the start where no time is set."""
+    first = int(problem.initial_state.time_step)
+    steps = []
+    for state in problem.goal.state_list:
+        if not state.has_value("time_step"):
+            steps.append(first + OPEN_END_STEP)
+        elif isinstance(state.time_step, int):
+            steps.append(state.time_step)
+        else:
+            steps.append(int(state.time_step.end))
+    return max(steps)

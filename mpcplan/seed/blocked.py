@@ -1,0 +1,147 @@
+"""Where a path is blocked: (time step, sigma) grids of the obstacles for every candidate path.
+
+blocked[p, k, n]: the body, with its rear axle at sample n of path p at time step k, comes within
+the margins of an obstacle's predicted rectangle (in the Frenet frame).
+lead[p, k, n]: distance from the body's centre to the nearest obstacle ahead that TR1 counts: its
+centre lies within 2.8 m laterally and ahead (infinity where there is none).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mpcplan.config import CostConfig, SeedConfig
+from mpcplan.predict.occupancy import Occupancy
+from mpcplan.seed.paths import Paths
+from mpcplan.trajectory import Array
+from mpcplan.vehicle import FORD_ESCORT as CAR
+
+PRESENT_GAP_SHARE = 0.1  # m, a gap that is short already may shrink by this much
+LEAD_REACH = 100.0  # m, the evaluator's box around the vehicle
+
+
+@dataclass(frozen=True, eq=False)
+class Blocked:
+    """Grids over (path, time step, sample of sigma); see the module.
+
+    ``owner`` holds the row of the obstacle that blocks (-1: none).
+    """
+
+    owner: Array
+    lead: Array
+
+
+def block(occupancy: Occupancy, paths: Paths, config: SeedConfig, cost: CostConfig) -> Blocked:
+    """Both grids for an occupancy whose columns are the time steps of the profiles."""
+    p, n = paths.s.shape
+    k = occupancy.s.shape[1]
+    owner = np.full((p, k, n), -1, dtype=np.int32)
+    lead = np.full((p, k, n), np.inf)
+    rows, steps = _relevant(occupancy, paths)
+    margins = _margins(occupancy, paths, config)
+    for path in range(p):
+        _mark(owner[path], occupancy, rows, steps, margins, paths, path, config)
+        lead[path] = _lead(occupancy, paths, path, cost)
+    return Blocked(owner, lead)
+
+
+def _relevant(occupancy: Occupancy, paths: Paths) -> tuple[Array, Array]:
+    """Rows and columns of the occupancy that come near any path."""
+    low, high = paths.d.min() - CAR.length, paths.d.max() + CAR.length
+    s_low, s_high = float(paths.s.min()) - CAR.length, float(paths.s.max()) + 2 * CAR.length
+    with np.errstate(invalid="ignore"):
+        near = (occupancy.d_low < high) & (occupancy.d_high > low)
+        near &= (occupancy.s_low < s_high) & (occupancy.s_high > s_low)
+    rows, steps = np.nonzero(near)
+    return rows, steps
+
+
+def _mark(
+    owner: Array,
+    occupancy: Occupancy,
+    rows: Array,
+    steps: Array,
+    margins: Array,
+    paths: Paths,
+    path: int,
+    config: SeedConfig,
+) -> None:
+    """Enters obstacles (rows at steps) into the grid (k, n) of one path."""
+    s, d, mu = paths.s[path], paths.d[path], paths.mu[path]
+    front, rear = d + CAR.front * np.sin(mu), d - CAR.rear * np.sin(mu)
+    half = CAR.width / 2 + config.margin_lat
+    d_max, d_min = np.maximum(front, rear) + half, np.minimum(front, rear) - half
+    beside = occupancy.d_low[rows, steps] < d_max.max()
+    beside &= occupancy.d_high[rows, steps] > d_min.min()
+    rows, steps = rows[beside], steps[beside]
+    lon = margins[rows]
+    low = occupancy.s_low[rows, steps] - CAR.front - lon
+    high = occupancy.s_high[rows, steps] + CAR.rear + lon
+    first, last = np.searchsorted(s, low), np.searchsorted(s, high)
+    if not len(rows) or not (width := int((last - first).max())):
+        return
+    at = first[:, None] + np.arange(width)
+    inside = at < np.minimum(last, len(s))[:, None]
+    at = np.minimum(at, len(s) - 1)
+    hit = inside & (d_max[at] > occupancy.d_low[rows, steps, None])
+    hit &= d_min[at] < occupancy.d_high[rows, steps, None]
+    pair, column = np.nonzero(hit)
+    pose = (s[at[pair, column]], d[at[pair, column]], mu[at[pair, column]])
+    sure = _touch(pose, occupancy, rows[pair], steps[pair], lon[pair], config.margin_lat)
+    pair, column = pair[sure], column[sure]
+    owner[steps[pair], at[pair, column]] = rows[pair]
+
+
+def _touch(
+    pose: tuple[Array, Array, Array], occupancy: Occupancy, rows: Array, steps: Array,
+    lon: Array, lat: float,
+) -> Array:  # fmt: skip
+    """Whether bodies at poses (s, d, mu) overlap turned rectangles: separating axes.
+
+    The extents in s and d have overlapped already; what remains are the axes of the two bodies.
+    """
+    s, d, mu = pose
+    turn = occupancy.turn[rows, steps]
+    ds = occupancy.s[rows, steps] - s - CAR.rear_to_centre * np.cos(mu)
+    dd = occupancy.d[rows, steps] - d - CAR.rear_to_centre * np.sin(mu)
+    ego = (CAR.length / 2 + lon, CAR.width / 2 + lat)
+    other = (occupancy.length[rows, steps] / 2, occupancy.width[rows, steps] / 2)
+    apart = np.zeros(len(s), bool)
+    for axis in (mu, mu + np.pi / 2, turn, turn + np.pi / 2):
+        gap = np.abs(ds * np.cos(axis) + dd * np.sin(axis))
+        reach = ego[0] * np.abs(np.cos(mu - axis)) + ego[1] * np.abs(np.sin(mu - axis))
+        reach += other[0] * np.abs(np.cos(turn - axis)) + other[1] * np.abs(np.sin(turn - axis))
+        apart |= gap > reach
+    return ~apart
+
+
+def _margins(occupancy: Occupancy, paths: Paths, config: SeedConfig) -> Array:
+    """(o,) longitudinal margin [m]: the configured one, or what the present gap leaves of it."""
+    s, d = paths.s[0, 0], paths.d[0, 0]
+    with np.errstate(invalid="ignore"):
+        gap = np.maximum(
+            occupancy.s_low[:, 0] - s - CAR.front, s - CAR.rear - occupancy.s_high[:, 0]
+        )
+        beside = np.maximum(occupancy.d_low[:, 0] - d, d - occupancy.d_high[:, 0]) < CAR.width
+    near = np.clip(gap - PRESENT_GAP_SHARE, 0.0, config.margin_lon)
+    return np.where(np.isfinite(gap) & beside, near, config.margin_lon)
+
+
+def _lead(occupancy: Occupancy, paths: Paths, path: int, cost: CostConfig) -> Array:
+    """(k, n) distance [m] from the body's centre to the nearest counted obstacle ahead."""
+    s, d = paths.s[path], paths.d[path]
+    centre = s + CAR.rear_to_centre * np.cos(paths.mu[path])
+    k, n = occupancy.s.shape[1], len(s)
+    ahead = np.full((k, n + 1), np.inf)
+    with np.errstate(invalid="ignore"):
+        offset = np.interp(np.nan_to_num(occupancy.s), centre, d)
+        counts = np.abs(occupancy.d - offset) < cost.distance_lateral
+        counts &= (occupancy.s > centre[0]) & (occupancy.s < centre[-1] + LEAD_REACH)
+    rows, steps = np.nonzero(counts)
+    place = occupancy.s[rows, steps]
+    # an obstacle is ahead of every sample whose centre lies before it
+    index = np.searchsorted(centre, place) - 1
+    np.minimum.at(ahead, (steps, np.clip(index, 0, n)), place)
+    nearest = np.minimum.accumulate(ahead[:, ::-1], axis=1)[:, ::-1][:, :n]
+    gap = nearest - centre
+    return np.where(gap < LEAD_REACH, gap, np.inf)

@@ -1,0 +1,222 @@
+"""Speed search: the best sequence of accelerations along one path, to the goal.
+
+State (sigma, v) along a fixed path, actions a from a small set held for m time steps; minimise
+
+    sum dt (w_D exp(-0.2 gap) + w_SR (delta' v)^2 + w_LC d^2) + w_J (a - a_before)^2 / (m dt)
+
+subject to v >= 0, the actuator limits and the blocked (time step, sigma) cells. Solved forward by
+dynamic programming over labels: of all labels that share a cell of (sigma, v) the cheapest stays,
+at most a given number per layer. It finds gaps (before one vehicle, behind the next) that a grid
+of polynomials misses. Source: hybrid A* (Dolgov et al. 2010) with time as the only order.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mpcplan.config import Config
+from mpcplan.road.road import Road
+from mpcplan.seed.blocked import Blocked
+from mpcplan.seed.goal_fit import miss_distance, pose_fits, speed_fits
+from mpcplan.seed.paths import Paths
+from mpcplan.seed.seed import Seed
+from mpcplan.trajectory import Array
+from mpcplan.vehicle import FORD_ESCORT as CAR
+from mpcplan.vehicle import acceleration_limit
+
+CELL_SIGMA = 0.75  # m, labels this close
+CELL_V = 0.5  # m/s, and this close in speed share a cell
+SPEEDING = 2.0  # 1/(m^2/s^3), weight of the squared excess over the speed limit
+ACTUATOR_SHARE = 0.95  # of the limits that the search uses
+ROLLING = 1e-6  # m/s, slower is standing
+
+
+@dataclass(frozen=True, eq=False)
+class Labels:
+    """Labels of one layer, all (n,): sigma [m], v [m/s], last a [m/s^2], cost, parent's index."""
+
+    sigma: Array
+    v: Array
+    a: Array
+    cost: Array
+    parent: Array
+
+    def pick(self, index: Array) -> "Labels":
+        """The labels at an index."""
+        return Labels(
+            self.sigma[index], self.v[index], self.a[index], self.cost[index], self.parent[index]
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Tables:
+    """Lookups over the samples of one path (n,) and the time steps (k)."""
+
+    spacing: float
+    blocked: Array  # (k, n)
+    closeness: Array  # (k, n) cost rate
+    offset: Array  # (n,) cost rate of the lane offset
+    delta_slope: Array
+    kappa: Array
+    speed: Array  # (n,) posted and curve limit
+
+    def at(self, sigma: Array) -> Array:
+        """Indices of the samples."""
+        return np.clip(np.rint(sigma / self.spacing).astype(int), 0, len(self.kappa) - 1)
+
+
+def search(
+    road: Road, paths: Paths, blocked: Blocked, path: int, v: float, a: float, step: int,
+    config: Config, dt: float,
+) -> tuple[Array, Array, float, bool] | None:  # fmt: skip
+    """The best speed profile along one path.
+
+    Returns:
+        Accelerations (k,), speeds (k + 1,), cost and whether it ends in a goal window; None where
+        every profile is blocked within the first layer.
+    """
+    tables = _tables(road, paths, blocked, path, config)
+    fits = [pose_fits(goal, road, paths)[path] for goal in road.goals]
+    bounds = _layer_bounds(road, step, blocked.owner.shape[1] - 1, config.seed.search_steps)
+    start = Labels(*(np.array([x]) for x in (0.0, max(v, 0.0), a, 0.0)), np.array([-1]))
+    layers, best = [start], None
+    for first, last in zip(bounds, bounds[1:], strict=False):
+        grown = _grow(layers[-1], tables, first, last, config, dt)
+        if grown is None:
+            break
+        layers.append(_prune(grown, config.seed.search_labels))
+        hit = _goal_label(road, fits, layers[-1], tables, step + last)
+        if hit is not None and (best is None or layers[-1].cost[hit] < best[0]):
+            best = (float(layers[-1].cost[hit]), len(layers) - 1, hit)
+        if best is not None and best[0] <= layers[-1].cost.min():
+            break
+    if len(layers) == 1:
+        return None
+    if best is None:
+        best = _nearest_miss(road, paths, path, layers, tables, config)
+        return *_play_back(layers, bounds, *best[1:], dt), best[0], False
+    return *_play_back(layers, bounds, *best[1:], dt), best[0], True
+
+
+def _tables(road: Road, paths: Paths, blocked: Blocked, path: int, config: Config) -> Tables:
+    cost = config.cost
+    off_road = paths.road_excess[path] - paths.road_excess[path, 0] > config.seed.road_slack
+    return Tables(
+        paths.spacing,
+        (blocked.owner[path] >= 0) | off_road[None],
+        cost.distance * np.exp(-cost.distance_decay * (blocked.lead[path] - cost.distance_offset)),
+        cost.lane * paths.d[path] ** 2,
+        paths.delta_slope[path],
+        np.abs(paths.kappa[path]),
+        np.interp(paths.s[path], road.frame.s, road.limits.speed),
+    )
+
+
+def _layer_bounds(road: Road, step: int, last: int, moves: int) -> list[int]:
+    """Time steps (from now) at which layers end; goal windows' ends are among them."""
+    marks = {k - step for goal in road.goals for k in (goal.first, goal.last)}
+    bounds = [0]
+    while bounds[-1] < last:
+        following = min([m for m in marks if m > bounds[-1]], default=last)
+        bounds.append(min(bounds[-1] + moves, following, last))
+    return bounds
+
+
+def _grow(
+    labels: Labels, tables: Tables, first: int, last: int, config: Config, dt: float
+) -> Labels | None:
+    """All successors of a layer that are not blocked, None where there are none."""
+    actions = np.array(config.seed.search_actions)
+    parent = np.repeat(np.arange(len(labels.v)), len(actions))
+    a = np.tile(actions, len(labels.v))
+    sigma, v, cost = labels.sigma[parent], labels.v[parent], labels.cost[parent]
+    duration = (last - first) * dt
+    cost = cost + config.cost.jerk * (a - labels.a[parent]) ** 2 / duration
+    allowed = a <= ACTUATOR_SHARE * acceleration_limit(np.maximum(v, v + a * duration))
+    for k in range(first + 1, last + 1):
+        after = np.maximum(v + a * dt, 0.0)
+        sigma, v = sigma + (v + after) / 2 * dt, after
+        at = tables.at(sigma)
+        allowed &= ~tables.blocked[k, at]
+        allowed &= np.hypot(a, v**2 * tables.kappa[at]) <= ACTUATOR_SHARE * CAR.a_max
+        steering = (tables.delta_slope[at] * v) ** 2
+        excess = np.maximum(v - np.maximum(tables.speed[at], 0.1), 0.0) ** 2
+        rate = tables.closeness[k, at] + tables.offset[at] + config.cost.steering_rate * steering
+        cost = cost + dt * (rate + SPEEDING * excess)
+        slow = np.abs(tables.delta_slope[at]) * v - CAR.v_delta_max
+        allowed &= slow <= config.seed.steering_slack
+        cost = cost + dt * config.seed.slack_cost * np.maximum(slow, 0.0)
+    if not allowed.any():
+        return None
+    return Labels(sigma, v, a, cost, parent).pick(np.flatnonzero(allowed))
+
+
+def _prune(labels: Labels, most: int) -> Labels:
+    """The cheapest label of every cell of (sigma, v), and of those the cheapest ``most``."""
+    cell = np.rint(labels.sigma / CELL_SIGMA).astype(np.int64) * 1000
+    cell += np.rint(labels.v / CELL_V).astype(np.int64)
+    order = np.lexsort((labels.cost, cell))
+    first = np.concatenate([[True], np.diff(cell[order]) != 0])
+    kept = order[first]
+    if len(kept) > most:
+        kept = kept[np.argsort(labels.cost[kept], kind="stable")[:most]]
+    return labels.pick(kept)
+
+
+def _goal_label(
+    road: Road, fits: list[Array], labels: Labels, tables: Tables, step: int
+) -> int | None:
+    """The cheapest label of a layer that lies in a goal window."""
+    inside = np.zeros(len(labels.v), bool)
+    for goal, fit in zip(road.goals, fits, strict=True):
+        if goal.first <= step <= goal.last:
+            inside |= fit[tables.at(labels.sigma)] & speed_fits(goal, labels.v)
+    if not inside.any():
+        return None
+    return int(np.argmin(np.where(inside, labels.cost, np.inf)))
+
+
+def _nearest_miss(
+    road: Road, paths: Paths, path: int, layers: list[Labels], tables: Tables, config: Config
+) -> tuple[float, int, int]:
+    """Cost with penalty, layer and label that come nearest to the goal at the last layer."""
+    labels = layers[-1]
+    at = tables.at(labels.sigma)
+    centre = paths.s[path, at] + CAR.rear_to_centre
+    miss = miss_distance(road, centre, paths.d[path, at], labels.v)
+    cost = labels.cost + config.seed.goal_missed + config.seed.goal_distance * miss
+    best = int(np.argmin(cost))
+    return float(cost[best]), len(layers) - 1, best
+
+
+def _play_back(
+    layers: list[Labels], bounds: list[int], layer: int, label: int, dt: float
+) -> tuple[Array, Array]:
+    """Accelerations per time step and speeds of the way to a label."""
+    chain: list[tuple[int, float]] = []
+    while layer > 0:
+        labels = layers[layer]
+        chain.append((bounds[layer] - bounds[layer - 1], float(labels.a[label])))
+        label, layer = int(labels.parent[label]), layer - 1
+    v = [float(layers[0].v[0])]
+    for count, a in reversed(chain):
+        for _ in range(count):
+            v.append(max(v[-1] + a * dt, 0.0))
+    speeds = np.array(v)
+    return np.diff(speeds) / dt, np.where(speeds < ROLLING, 0.0, speeds)
+
+
+def as_seed(
+    road: Road, paths: Paths, path: int, a0: float, found: tuple[Array, Array, float, bool],
+    step: int, dt: float,
+) -> Seed:  # fmt: skip
+    """A found speed profile as a Frenet trajectory."""
+    a, v, cost, reaches = found
+    sigma = np.concatenate([[0.0], np.cumsum((v[1:] + v[:-1]) / 2 * dt)])
+    grid = paths.spacing * np.arange(paths.s.shape[1])
+    tables = (paths.s, paths.d, paths.mu)
+    columns = [np.interp(sigma, grid, table[path]) for table in tables]
+    delta = np.interp(sigma, grid, paths.delta[path])
+    states = np.column_stack([*columns, v, delta, np.concatenate([[a0], a])])
+    label = f"to d = {paths.target[path]:.2f} m, {v[-1]:.1f} m/s at the end"
+    return Seed(road, step, states, cost, reaches, "search", label)

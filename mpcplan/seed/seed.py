@@ -1,0 +1,83 @@
+"""What the seed stage hands on: candidate trajectories in the Frenet frame and why others fell."""
+
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Any
+
+from mpcplan.road.road import Road
+from mpcplan.trajectory import Array
+
+
+class Stage(IntEnum):
+    """Columns of a Frenet trajectory: m, m, rad, m/s, rad, m/s^2 (acceleration of the step)."""
+
+    S = 0
+    D = 1
+    MU = 2
+    V = 3
+    DELTA = 4
+    A = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Seed:
+    """A candidate trajectory along a road.
+
+    Attributes:
+        road: the road whose frame it lives in.
+        first_step: time step of the first state.
+        states: (k + 1, 6) columns :class:`Stage`; A is the acceleration applied in the step before.
+        cost: TR1 estimate with penalties.
+        reaches_goal: whether a goal window is met at the last state.
+        source: where it comes from ('lattice', 'last plan').
+        label: what it does, in words.
+    """
+
+    road: Road
+    first_step: int
+    states: Array
+    cost: float
+    reaches_goal: bool
+    source: str
+    label: str
+
+
+@dataclass(frozen=True)
+class Rejection:
+    """Why candidates of one source were refused by one constraint."""
+
+    count: int
+    smallest_violation: float
+    unit: str
+    obstacle: int | None = None
+    step: int | None = None
+
+    def as_dict(self) -> dict[str, Any]:
+        """For the trace."""
+        return {
+            "count": self.count,
+            "smallest_violation": self.smallest_violation,
+            "unit": self.unit,
+            "obstacle": self.obstacle,
+            "step": self.step,
+        }
+
+
+@dataclass(frozen=True)
+class SeedReport:
+    """Candidates of one source: how many, how many passed, why the others did not."""
+
+    source: str
+    candidates: int
+    accepted: int
+    reaching_goal: int
+    rejected: dict[str, Rejection] = field(default_factory=dict)
+
+    def as_dict(self) -> dict[str, Any]:
+        """For the trace."""
+        return {
+            "candidates": self.candidates,
+            "accepted": self.accepted,
+            "reaching_goal": self.reaching_goal,
+            "rejected": {name: r.as_dict() for name, r in self.rejected.items()},
+        }

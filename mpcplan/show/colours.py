@@ -1,0 +1,20 @@
+"""Colours that stay apart under colour blindness (Okabe and Ito; viridis without its yellow)."""
+
+import matplotlib
+import numpy as np
+from matplotlib.colors import ListedColormap
+
+PROBLEMS = ("#0072B2", "#CC79A7", "#56B4E9", "#000000")  # one colour per planning problem
+TRAFFIC = "#E69F00"
+GOAL = "#009E73"
+ALARM = "#D55E00"
+ROAD = "#efefef"
+EDGE = "#bdbdbd"
+PLAN = "#555555"
+LIMIT = "#888888"
+TIME = ListedColormap(matplotlib.colormaps["viridis"](np.linspace(0, 0.82, 210)))
+
+
+def of_problem(index: int) -> str:
+    """The colour of the index-th planning problem."""
+    return PROBLEMS[index % len(PROBLEMS)]

@@ -1,0 +1,46 @@
+"""The recorded traffic during a run, as boxes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mpcplan.predict.recorded import record, static_ids
+from mpcplan.trajectory import Array
+
+if TYPE_CHECKING:
+    from mpcplan.simulate.loop import Run
+
+
+@dataclass(frozen=True, eq=False)
+class Traffic:
+    """The others from the first problem's start to the end of the last drive.
+
+    Attributes:
+        first_step: time step of the first boxes.
+        boxes: (o, n, 6) columns :class:`mpcplan.observation.Box`; NaN where an obstacle is absent.
+        still: (o,) whether an obstacle never moves.
+    """
+
+    first_step: int
+    boxes: Array
+    still: np.ndarray
+
+    def during(self, steps: np.ndarray) -> Array:
+        """(o, len(steps), 6) boxes at time steps within the run."""
+        return self.boxes[:, steps - self.first_step]
+
+
+def traffic_of(run: Run) -> Traffic:
+    """The traffic that a run met."""
+    first = min(problem.first_step for problem in run.loaded.problems)
+    last = max((drive.trajectory.last_step for drive in run.drives), default=first)
+    forecast = record(run.loaded.scenario)
+    boxes = forecast.at(np.arange(first, last + 1))
+    standing = static_ids(run.loaded.scenario)
+    still = np.array([number in standing for number in forecast.ids], dtype=bool)
+    # a drive may outlast the record, in which obstacles that never move have no end
+    boxes[still] = forecast.at(np.array([0]))[still]
+    return Traffic(first, boxes, still)

@@ -1,0 +1,1 @@
+"""Deterministic generator of the small CommonRoad scenarios in this folder."""
