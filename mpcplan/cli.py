@@ -210,9 +210,9 @@ def _outcome(run: "Run", verdict: "Verdict | None") -> str:
 
 
 def _goal_line(drive: "Drive", dt: float) -> str:
-    step = drive.reached_step
+    step, name = drive.reached_step, f"problem {drive.problem_id}: "
     reached = f"reached at step {step} ({step * dt:.1f} s)" if step is not None else drive.cause
-    return f"{'goal':<10}problem {drive.problem_id}: {reached}"
+    return f"{'goal':<10}{name}{reached.removeprefix(name)}"
 
 
 def _evaluate(args: argparse.Namespace) -> int:

@@ -119,7 +119,28 @@ class RefineConfig(Section):
         3.0, "s", "length of the problem, or 'goal' for the whole way to the goal"
     )
     iterations: int = par(12, "1", "SQP iterations at most", ge=1, le=200)
-    tolerance: float = par(1e-3, "1", "KKT residual at which the iteration ends", gt=0, le=1)
+    tolerance: float = par(2e-3, "1", "scaled step at which the iteration ends", gt=0, le=1)
+    qp_iterations: int = par(400, "1", "OSQP iterations at most per subproblem", ge=10, le=100000)
+    qp_tolerance: float = par(1e-4, "1", "OSQP's absolute and relative tolerance", gt=0, le=0.1)
+    line_search: int = par(6, "1", "halvings of a step at most", ge=0, le=30)
+    penalty_lon: float = par(60.0, "1/m", "exact penalty on leaving the corridor in s", gt=0, le=1e6)
+    penalty_lat: float = par(150.0, "1/m", "exact penalty on leaving it in d", gt=0, le=1e6)
+    penalty_acceleration: float = par(
+        20.0, "s^2/m", "exact penalty on lateral acceleration and friction circle", gt=0, le=1e6
+    )
+    penalty_goal: float = par(400.0, "1/m", "exact penalty on missing the goal", gt=0, le=1e6)
+    friction_share: float = par(
+        0.97, "1", "part of the friction circle that plans use", gt=0.1, le=1
+    )
+    actuator_share: float = par(0.98, "1", "part of the actuators that plans use", gt=0.1, le=1)
+    speeding: float = par(
+        2.0, "s/m^2", "weight of the squared excess over the speed limit", ge=0, le=1e3
+    )
+    terminal: tuple[float, float, float, float, float, float] = par(
+        (0.05, 0.5, 20.0, 0.5, 10.0, 0.02), "1/unit^2",
+        "weights of the last state's distance from the seed (s, d, mu, v, delta, a), where the "
+        "problem ends before the goal",
+    )
 
 
 class VerifyConfig(Section):

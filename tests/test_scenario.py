@@ -133,6 +133,7 @@ def test_lanelets_are_found_in_local_coordinates(everything):
     assert scenario.lanelet_network.find_lanelet_by_position(start) == [[]]
 
 
+@pytest.mark.filterwarnings("ignore:<PhantomObstacle")
 def test_obstacles_move_as_commonroad_io_moves_them(everything):
     loaded, scenario, _ = everything
     assert len(loaded.scenario.obstacles) == len(scenario.obstacles) + 1

@@ -53,7 +53,8 @@ def _draw_drive(strips: list[Axes], drive: Drive, traffic: Traffic, colour: str)
     acceleration.stairs(driven.inputs[:, Input.A], time, baseline=None, color=colour)
     angle.plot(time, x[:, State.DELTA], color=colour)
     rate.stairs(driven.inputs[:, Input.V_DELTA], time, baseline=None, color=colour)
-    gap.plot(time, gap_ahead(driven, traffic.during(driven.steps)), color=colour)
+    gaps = gap_ahead(driven, traffic.during(driven.steps))
+    gap.plot(time, gaps, ".-", ms=2, color=colour)
     seconds = np.array([cycle.seconds for cycle in drive.cycles])
     starts = np.array([cycle.step for cycle in drive.cycles]) * driven.dt
     planning.plot(starts, 1e3 * seconds, ".", ms=4, color=colour)
@@ -84,7 +85,7 @@ def _dashed(axes: Axes, time: np.ndarray, limit: np.ndarray) -> None:
 
 
 def _set_scales(strips: list[Axes]) -> None:
-    """At least the given ranges, so that noise does not fill a strip; from 0 where that is usual."""
+    """At least the given ranges, so that noise does not fill a strip; from 0 where usual."""
     speed, acceleration, angle, rate, gap, planning = strips
     for axes, least in ((acceleration, 1.0), (angle, 0.05), (rate, 0.05)):
         low, high = axes.get_ylim()

@@ -1,0 +1,280 @@
+"""The planner: one cycle as a pipeline from an observation to a verified plan.
+
+    1. predict the others        2. project them onto the road        3. find seeds
+    4. refine the best of them   5. verify                            6. fall back where needed
+
+Order of fallbacks: the refined seed; the seed itself, driven by feedback; what is left of the last
+plan; emergency braking along the lane. Each fall is in the plan's trace.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mpcplan.config import Config
+from mpcplan.observation import Forecast, Observation
+from mpcplan.plan import Clock, Option, Plan
+from mpcplan.predict.occupancy import Occupancy, occupancy
+from mpcplan.predict.predictor import make_predictor
+from mpcplan.refine.refine import refine
+from mpcplan.road.goal import is_reached
+from mpcplan.road.road import Road, build_roads
+from mpcplan.scenario import LoadedScenario, Problem
+from mpcplan.seed.candidates import find_seeds
+from mpcplan.seed.seed import Seed, SeedReport
+from mpcplan.seed.track import track
+from mpcplan.trajectory import Trajectory
+from mpcplan.verify.drivability import Finding, verify
+from mpcplan.verify.failsafe import braking_tail
+
+WORTHWHILE = 0.97  # a new seed is refined beside the last plan if its cost is below this share
+ENOUGH_ROADS = 1  # roads that are planned on once one of them has a plan
+
+
+@dataclass(frozen=True, eq=False)
+class _Cycle:
+    """What one cycle works with."""
+
+    observation: Observation
+    forecast: Forecast
+    clock: Clock
+
+
+class Planner:
+    """Plans for one planning problem; built once, then called every cycle."""
+
+    def __init__(
+        self, loaded: LoadedScenario, problem: Problem, config: Config | None = None
+    ) -> None:
+        """Builds roads and prediction.
+
+        Raises:
+            RoadError: where no route leads to the goal.
+        """
+        self.config = config or Config()
+        self.problem, self.dt = problem, loaded.dt
+        self.roads = build_roads(loaded.scenario, problem.planning_problem, self.config.road)
+        self._predict = make_predictor(loaded.scenario, self.config.predict)
+        self._last: Option | None = None
+        self._occupancies: dict[int, tuple[Forecast, Occupancy]] = {}
+
+    def plan(self, observation: Observation) -> Plan:
+        """One planning cycle."""
+        clock = Clock()
+        with clock("predict"):
+            forecast = self._predict(observation)
+        cycle = _Cycle(observation, forecast, clock)
+        options, reports, refusals = self._options(cycle)
+        chosen, fallback = self._choose(cycle, options, refusals)
+        self._last = chosen if chosen.seed is not None else None
+        trace = {
+            "step": observation.step,
+            "source": chosen.source,
+            "chosen": chosen.as_dict(),
+            "seeds": {r.source: r.as_dict() for r in reports},
+            "options": [option.as_dict() for option in options],
+            "refine": chosen.refined.as_dict() if chosen.refined is not None else None,
+            "verify": chosen.finding.as_dict(),
+            "fallback": fallback,
+            "times_ms": clock.milliseconds(),
+        }
+        return Plan(chosen.trajectory, chosen.source, chosen.reaches_goal, chosen.finding, trace)
+
+    # -- seeds ----------------------------------------------------------------------------------
+
+    def _options(
+        self, cycle: _Cycle
+    ) -> tuple[list[Option], list[SeedReport], list[Option]]:
+        """Verified options (best first), the seed reports, and the options that were refused."""
+        options: list[Option] = []
+        refused: list[Option] = []
+        reports: list[SeedReport] = []
+        last = self._continue(cycle)
+        if last is not None:
+            self._develop(cycle, last, options, refused)
+        for road in self._road_order():
+            if any(option.reaches_goal for option in options) and road is not self._current_road:
+                break
+            seeds, found = self._seeds(cycle, road, thorough=not options)
+            reports += found
+            for seed in self._worth_refining(seeds, options, last):
+                self._develop(cycle, seed, options, refused)
+        options.sort(key=lambda option: (not option.reaches_goal, option.cost))
+        return options, reports, refused
+
+    @property
+    def _current_road(self) -> Road:
+        return self._last.seed.road if self._last and self._last.seed else self.roads[0]
+
+    def _road_order(self) -> list[Road]:
+        """The road driven on first, then the others."""
+        current = self._current_road
+        return [current, *(road for road in self.roads if road is not current)]
+
+    def _seeds(
+        self, cycle: _Cycle, road: Road, thorough: bool
+    ) -> tuple[list[Seed], list[SeedReport]]:
+        seen = cycle.observation
+        around = self._occupancy(cycle, road)
+        with cycle.clock("seed"):
+            return find_seeds(
+                road, seen.state, seen.acceleration, seen.step, around, self.config, self.dt, thorough
+            )
+
+    def _worth_refining(
+        self, seeds: list[Seed], options: list[Option], last: Seed | None
+    ) -> list[Seed]:
+        """The best seeds; beside a plan that goes on well only those that look better."""
+        finalists = seeds[: self.config.seed.finalists]
+        if last is None or not options or not options[0].reaches_goal:
+            return finalists
+        bar = WORTHWHILE * min(option.cost for option in options)
+        return [seed for seed in finalists[:1] if seed.reaches_goal and seed.cost < bar]
+
+    def _occupancy(self, cycle: _Cycle, road: Road) -> Occupancy:
+        """The forecast along a road; kept while the forecast stays the same."""
+        known = self._occupancies.get(id(road))
+        if known is None or known[0] is not cycle.forecast:
+            with cycle.clock("project"):
+                known = cycle.forecast, occupancy(cycle.forecast, road.frame)
+            self._occupancies[id(road)] = known
+        return known[1]
+
+    def _continue(self, cycle: _Cycle) -> Seed | None:
+        """What is left of the last plan, as a seed."""
+        if self._last is None or self._last.seed is None:
+            return None
+        seed = self._last.seed
+        passed = cycle.observation.step - seed.first_step
+        states = self._last.states[passed:]
+        if len(states) < 3:
+            return None
+        return Seed(
+            seed.road, cycle.observation.step, states, self._last.cost, seed.reaches_goal,
+            "last plan", seed.label,
+        )  # fmt: skip
+
+    # -- refinement and verification ----------------------------------------------------------------
+
+    def _develop(
+        self, cycle: _Cycle, seed: Seed, options: list[Option], refused: list[Option]
+    ) -> None:
+        """Refines and verifies a seed, and falls back to the seed itself where that fails."""
+        ways = [self._refined(cycle, seed)] if self.config.refine.enabled else []
+        for option in (*ways, None):
+            tried = option if option is not None else self._unrefined(cycle, seed, bool(ways))
+            if tried is None:
+                continue
+            (options if tried.finding.ok else refused).append(tried)
+            if tried.finding.ok:
+                return
+
+    def _refined(self, cycle: _Cycle, seed: Seed) -> Option | None:
+        seen = cycle.observation
+        around = self._occupancy(cycle, seed.road)
+        with cycle.clock("refine"):
+            refined = refine(seed, seen.state, seen.acceleration, around, self.config, self.dt)
+        if refined is None:
+            return None
+        whole = len(refined.trajectory.inputs) == len(seed.states) - 1
+        trajectory, finding, reaches = self._finish(
+            cycle, refined.trajectory, seed, whole and seed.reaches_goal
+        )
+        reaches = reaches if whole else seed.reaches_goal
+        return Option(
+            trajectory, seed, refined.states, refined.result.cost_after, reaches, finding,
+            f"{seed.source}, refined", refined,
+        )  # fmt: skip
+
+    def _unrefined(self, cycle: _Cycle, seed: Seed, fallback: bool) -> Option | None:
+        """The seed driven by feedback."""
+        with cycle.clock("track"):
+            trajectory = track(seed, cycle.observation.state, self.dt)
+        trajectory, finding, reaches = self._finish(cycle, trajectory, seed, seed.reaches_goal)
+        source = f"{seed.source}, unrefined" if fallback else seed.source
+        return Option(trajectory, seed, seed.states, seed.cost, reaches, finding, source)
+
+    def _finish(
+        self, cycle: _Cycle, trajectory: Trajectory, seed: Seed, to_goal: bool
+    ) -> tuple[Trajectory, Finding, bool]:
+        """The trajectory ended at the goal, or continued by a fail-safe tail; and verified."""
+        with cycle.clock("verify"):
+            reached = self._goal_step(trajectory) if to_goal else None
+            if reached is not None:
+                trajectory = trajectory.until(reached)
+            else:
+                tail = braking_tail(
+                    seed.road, trajectory.states[-1], trajectory.last_step,
+                    self.config.verify.braking, self.dt,
+                )  # fmt: skip
+                trajectory = trajectory.then(tail)
+            finding = verify(trajectory, cycle.forecast, seed.road.area, self.config.verify)
+        return trajectory, finding, reached is not None
+
+    def _goal_step(self, trajectory: Trajectory) -> int | None:
+        """The first time step at which the goal is reached."""
+        goal = self.problem.planning_problem
+        for step, state in zip(trajectory.steps.tolist(), trajectory.states, strict=True):
+            if is_reached(goal, state, step):
+                return step
+        return None
+
+    # -- choice and fallbacks -------------------------------------------------------------------------
+
+    def _choose(
+        self, cycle: _Cycle, options: list[Option], refused: list[Option]
+    ) -> tuple[Option, str | None]:
+        """The best option, or the next fallback with what led to it."""
+        kept = self._kept(cycle)
+        best = options[0] if options else None
+        if best is not None and (best.reaches_goal or kept is None or not kept.reaches_goal):
+            fell = best.source.endswith("unrefined")
+            return best, _why(refused, "the seed is driven") if fell else None
+        if kept is not None:
+            return kept, _why(refused, "the last plan goes on")
+        stop = self._emergency(cycle)
+        if not stop.finding.ok and refused:
+            # nothing is safe to the end: take what stays safe longest
+            last = max([*refused, stop], key=lambda o: (o.finding.step or 0, o.reaches_goal))
+            return last, _why(refused, "no plan is safe to its end; the one safe longest is driven")
+        return stop, _why(refused, "emergency braking")
+
+    def _kept(self, cycle: _Cycle) -> Option | None:
+        """The last plan's remaining trajectory, if it is still safe."""
+        last, step = self._last, cycle.observation.step
+        if last is None or step >= last.trajectory.last_step:
+            return None
+        rest = last.trajectory.since(step)
+        if not np.allclose(rest.states[0], cycle.observation.state, atol=1e-6):
+            return None
+        assert last.seed is not None
+        finding = verify(rest, cycle.forecast, last.seed.road.area, self.config.verify)
+        if not finding.ok:
+            return None
+        return Option(
+            rest, last.seed, last.states, last.cost, last.reaches_goal, finding, "last plan kept"
+        )
+
+    def _emergency(self, cycle: _Cycle) -> Option:
+        """Braking along the lane; harder and softer, the first that is safe or the hardest."""
+        seen, road = cycle.observation, self._current_road
+        tails = [
+            braking_tail(road, seen.state, seen.step, share * self.config.verify.braking, self.dt)
+            for share in (1.0, 1.35, 0.6, 0.3)
+        ]
+        checked = [(t, verify(t, cycle.forecast, road.area, self.config.verify)) for t in tails]
+        safe = [(t, f) for t, f in checked if f.ok]
+        trajectory, finding = (safe or [max(checked, key=lambda c: c[1].step or 0)])[0]
+        return Option(
+            trajectory, None, np.empty((0, 6)), float("inf"), False, finding, "emergency braking"
+        )
+
+
+def _why(refused: list[Option], what: str) -> str:
+    """A fallback in words, with what refused the best plans."""
+    if not refused:
+        return f"{what}: no seed was found"
+    reasons = "; ".join(f"{option.source}: {option.finding}" for option in refused[:3])
+    return f"{what}: {reasons}"
+
+

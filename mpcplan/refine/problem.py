@@ -1,0 +1,380 @@
+"""The refinement's optimal-control problem, and its quadratic model at an iterate.
+
+States x = [s, d, mu, v, delta, a], inputs u = [j, w], steps k = 0..N (see :mod:`.model`):
+
+    min  dt sum_k  w_J j_k^2 + w_SR w_k^2 + w_D exp(-c (lead_k - s_k - b - r)) + w_LC e_k^2
+         + w_v max(0, v_k - v_lim)^2 + rho' sigma (+ |x_N - x_seed|_W^2 where the goal lies further)
+    s.t. x_{k+1} = F(x_k, u_k), x_0 given,
+         |delta| <= 0.91, 0 <= v <= 45.8, |w| <= 0.4, -11.5 <= a, a <= 11.5 min(1, 4.755/v),
+         a^2 + (v^2/l tan delta)^2 <= 11.5^2 + sigma_a, |v^2/l tan delta| <= a_lat + sigma_a,
+         s_min - sigma_s <= s <= s_max + sigma_s,
+         d_min - sigma_d <= d + l_i sin mu - kappa (l_i cos mu)^2 / 2 <= d_max + sigma_d
+         for the points l_i of the body's axis (rear, centre, front), goal window at k = N,
+
+with e = d + b sin mu - lane the offset of the body's centre. The slacks have an exact (L1) penalty
+rho. The quadratic model linearises the constraints and takes the Gauss-Newton Hessian; the
+closeness term is convex in s and enters with its own second derivative. Source: project design,
+section 6; Diehl et al.: Fast direct multiple shooting (2006).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from mpcplan.config import Config
+from mpcplan.refine.corridor import Corridor, lateral_bounds
+from mpcplan.refine.layout import Layout, layout
+from mpcplan.refine.model import linearise, propagate
+from mpcplan.road.goal import GoalWindow
+from mpcplan.seed.paths import BODY_POINTS
+from mpcplan.seed.seed import Seed, Stage
+from mpcplan.trajectory import Array
+from mpcplan.vehicle import FORD_ESCORT as CAR
+
+FREE = 1e4  # no bound
+GOAL_MARGIN = 0.02  # m (and m/s, and 1e-2 of it rad), the window is entered by this much
+SLACK_CURVATURE = 0.1  # quadratic part of the slack penalty
+DAMPING = 1e-5  # added to the Hessian's diagonal
+CLOSEST = -6.0  # m, smallest gap in the closeness term
+MU_LIMIT = 1.3  # rad
+
+
+@dataclass(frozen=True, eq=False)
+class Iterate:
+    """States (N + 1, 6) and inputs (N, 2)."""
+
+    x: Array
+    u: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Quadratic:
+    """min p' H p / 2 + g' p  s.t.  low <= A p <= high, at an iterate."""
+
+    hessian: Array  # diagonal blocks as a sparse matrix's upper triangle
+    gradient: Array
+    matrix: sp.csc_matrix
+    low: Array
+    high: Array
+
+
+class Problem:
+    """The problem of one seed; all data that does not change with the iterate."""
+
+    def __init__(
+        self, seed: Seed, corridor: Corridor, x0: Array, goal: GoalWindow | None, n: int,
+        config: Config, dt: float,
+    ) -> None:  # fmt: skip
+        """N = n steps from state x0; ``goal`` is met at k = n, or None where it lies further."""
+        self.seed, self.corridor, self.goal, self.n = seed, corridor, goal, n
+        self.config, self.dt, self.x0 = config, dt, x0
+        self.layout: Layout = layout(n)
+        road = seed.road
+        s = seed.states[: n + 1, Stage.S]
+        self.lane = np.interp(s, road.frame.s, road.limits.lane)
+        self.speed_limit = np.maximum(np.interp(s, road.frame.s, road.limits.speed), 0.5)
+        self.terminal = np.zeros(len(Stage)) if goal else np.array(config.refine.terminal)
+        start = abs(float(x0[Stage.V] ** 2 / CAR.wheelbase * np.tan(x0[Stage.DELTA])))
+        self.lateral_limit = max(config.road.lateral_acceleration, min(start, 0.9 * CAR.a_max))
+
+    # -- start --------------------------------------------------------------------------------
+
+    def initial(self) -> Iterate:
+        """The seed as an iterate: its states, and the inputs between them."""
+        x = self.seed.states[: self.n + 1].copy()
+        x[0] = self.x0
+        u = np.column_stack(
+            [np.diff(x[:, Stage.A]) / self.dt, np.diff(x[:, Stage.DELTA]) / self.dt]
+        )
+        limit = CAR.v_delta_max * self.config.refine.actuator_share
+        u[:, 1] = np.clip(u[:, 1], -limit, limit)
+        return Iterate(x, u)
+
+    # -- values -------------------------------------------------------------------------------
+
+    def curvatures(self, x: Array) -> Array:
+        """(N, 3) curvature model of every step: kappa_0, kappa_1, s_0."""
+        frame = self.seed.road.frame
+        s = x[:-1, Stage.S]
+        ahead = np.maximum(np.abs(x[:-1, Stage.V]) * self.dt, 0.1)
+        kappa = frame.curvature(s)
+        return np.column_stack([kappa, (frame.curvature(s + ahead) - kappa) / ahead, s])
+
+    def defects(self, z: Iterate) -> Array:
+        """(N, 6) x_{k+1} - F(x_k, u_k)."""
+        return z.x[1:] - propagate(z.x[:-1], z.u, self.curvatures(z.x), self.dt)
+
+    def objective(self, z: Iterate) -> float:
+        """The cost without slack penalties."""
+        cost, x = self.config.cost, z.x[1:]
+        rate = cost.jerk * z.u[:, 0] ** 2 + cost.steering_rate * z.u[:, 1] ** 2
+        rate = rate + self._closeness(x) + cost.lane * self._offset(x) ** 2
+        speeding = np.maximum(x[:, Stage.V] - self.speed_limit[1:], 0.0)
+        rate = rate + self.config.refine.speeding * speeding**2
+        end = z.x[-1] - self.seed.states[self.n]
+        return float(self.dt * rate.sum() + self.terminal @ end**2)
+
+    def tr1(self, z: Iterate) -> float:
+        """The four TR1 terms alone."""
+        cost, x = self.config.cost, z.x[1:]
+        rate = cost.jerk * z.u[:, 0] ** 2 + cost.steering_rate * z.u[:, 1] ** 2
+        return float(self.dt * (rate + self._closeness(x) + cost.lane * self._offset(x) ** 2).sum())
+
+    def _closeness(self, x: Array) -> Array:
+        cost = self.config.cost
+        gap = self.corridor.lead[1 : self.n + 1] - x[:, Stage.S] - CAR.rear_to_centre
+        gap = np.maximum(gap - cost.distance_offset, CLOSEST)
+        return cost.distance * np.exp(-cost.distance_decay * gap)
+
+    def _offset(self, x: Array) -> Array:
+        centre = x[:, Stage.D] + CAR.rear_to_centre * np.sin(x[:, Stage.MU])
+        return centre - self.lane[1:]
+
+    def slacks(self, z: Iterate) -> Array:
+        """(3 N + 1,) smallest slacks with which the constraints hold: s, d, a, goal."""
+        low, high, value = self._soft_rows(z)
+        excess = np.maximum(np.maximum(low - value, value - high), 0.0)
+        n, at = self.n, 0
+        groups = []
+        for count in (3, 2, 2 * len(BODY_POINTS)):  # acceleration, s, d: rows per step
+            groups.append(excess[at : at + count * n].reshape(count, n).max(axis=0))
+            at += count * n
+        acceleration, lon, lat = groups
+        return np.concatenate([lon, lat, acceleration, [excess[at:].max(initial=0.0)]])
+
+    def penalty_weights(self) -> Array:
+        """(3 N + 1,) weights of the slacks."""
+        r = self.config.refine
+        weights = np.repeat([r.penalty_lon, r.penalty_lat, r.penalty_acceleration], self.n)
+        # the friction circle is scaled by 1 / a_max, so that its slack is an acceleration
+        return np.concatenate([weights * self.dt, [r.penalty_goal]])
+
+    def penalty(self, z: Iterate) -> float:
+        """Slack penalties at an iterate."""
+        slack = self.slacks(z)
+        return float(self.penalty_weights() @ slack + SLACK_CURVATURE / 2 * slack @ slack)
+
+    def hard_violation(self, z: Iterate) -> float:
+        """Largest violation of actuator bounds."""
+        low, high, value = self._box_rows(z)
+        return float(np.maximum(np.maximum(low - value, value - high), 0.0).max(initial=0.0))
+
+    # -- rows -----------------------------------------------------------------------------------
+
+    def _box_rows(self, z: Iterate) -> tuple[Array, Array, Array]:
+        """low, high, value of delta, v, a, w and of the acceleration limit."""
+        n, share = self.n, self.config.refine.actuator_share
+        x = z.x[1:]
+        v, a = x[:, Stage.V], x[:, Stage.A]
+        ones = np.ones(n)
+        limit = CAR.a_max * np.minimum(1.0, CAR.v_switch / np.maximum(v, CAR.v_switch)) * share
+        low = np.concatenate([
+            -share * CAR.delta_max * ones, 0 * ones, -share * CAR.a_max * ones,
+            -share * CAR.v_delta_max * ones, -FREE * ones,
+        ])  # fmt: skip
+        high = np.concatenate([
+            share * CAR.delta_max * ones, CAR.v_max * ones, share * CAR.a_max * ones,
+            share * CAR.v_delta_max * ones, limit,
+        ])  # fmt: skip
+        return low, high, np.concatenate([x[:, Stage.DELTA], v, a, z.u[:, 1], a])
+
+    def _soft_rows(self, z: Iterate) -> tuple[Array, Array, Array]:
+        """low, high, value of friction, lateral acceleration (twice), s (twice), d, goal."""
+        x = z.x[1:]
+        lat = x[:, Stage.V] ** 2 / CAR.wheelbase * np.tan(x[:, Stage.DELTA])
+        circle = (x[:, Stage.A] ** 2 + lat**2) / CAR.a_max
+        circle_max = CAR.a_max * self.config.refine.friction_share**2
+        s = x[:, Stage.S]
+        free = np.full(self.n, FREE)
+        points, d_low, d_high = self._body(z)
+        goal_low, goal_high, goal = self._goal_rows(z.x[-1])
+        side, limit = np.full(self.n, self.lateral_limit), np.full(self.n, circle_max)
+        corridor = self.corridor
+        s_min, s_max = corridor.s_min[1 : self.n + 1], corridor.s_max[1 : self.n + 1]
+        low = [-free, -free, -side, -free, s_min, *_both(d_low.T, -FREE, upper=False), goal_low]
+        high = [limit, side, free, s_max, free, *_both(d_high.T, FREE, upper=True), goal_high]
+        value = [circle, lat, lat, s, s, *np.repeat(points.T, 2, axis=0), goal]
+        return np.concatenate(low), np.concatenate(high), np.concatenate(value)
+
+    def _body(self, z: Iterate) -> tuple[Array, Array, Array]:
+        """(N, 3) offsets of the body's points and their bounds."""
+        x = z.x[1:]
+        s, d, mu = x[:, Stage.S], x[:, Stage.D], x[:, Stage.MU]
+        kappa = self.seed.road.frame.curvature(s)
+        along = np.cos(mu)[:, None] * np.array(BODY_POINTS)
+        points = d[:, None] + np.sin(mu)[:, None] * BODY_POINTS - kappa[:, None] * along**2 / 2
+        low, high = lateral_bounds(self.seed, self._corridor_steps(), s, mu)
+        return points, low, high
+
+    def _corridor_steps(self) -> Corridor:
+        c, end = self.corridor, self.n + 1
+        return Corridor(
+            c.s_min[1:end], c.s_max[1:end], c.d_min[1:end], c.d_max[1:end], c.lead[1:end]
+        )
+
+    def _goal_rows(self, x: Array) -> tuple[Array, Array, Array]:
+        """low, high, value of the goal's eight rows (free where nothing is asked for)."""
+        goal = self.goal
+        intervals = (goal.s, goal.d, goal.v, goal.psi) if goal else (None,) * 4
+        mu = float(x[Stage.MU])
+        heading = float(self.seed.road.frame.heading(x[Stage.S])) + mu
+        values = [
+            x[Stage.S] + CAR.rear_to_centre * np.cos(mu),
+            x[Stage.D] + CAR.rear_to_centre * np.sin(mu),
+            x[Stage.V],
+            heading,
+        ]
+        low, high, value = [], [], []
+        for i, (interval, number) in enumerate(zip(intervals, values, strict=True)):
+            margin = GOAL_MARGIN * (0.1 if i == 3 else 1.0)
+            a, b = _shrunk(interval, margin, number if i == 3 else None)
+            low += [-FREE, a]
+            high += [b, FREE]
+            value += [number, number]
+        return np.array(low), np.array(high), np.array(value)
+
+    # -- quadratic model --------------------------------------------------------------------------
+
+    def gradient(self, z: Iterate) -> Array:
+        """Gradient of objective and slack penalty with respect to all variables."""
+        lay, cost, dt = self.layout, self.config.cost, self.dt
+        g = np.zeros(lay.n_vars)
+        x = z.x[1:]
+        g[lay.u[:, 0]] = 2 * dt * cost.jerk * z.u[:, 0]
+        g[lay.u[:, 1]] = 2 * dt * cost.steering_rate * z.u[:, 1]
+        g[lay.x[1:, Stage.S]] = dt * cost.distance_decay * self._closeness(x)
+        offset = 2 * dt * cost.lane * self._offset(x)
+        g[lay.x[1:, Stage.D]] = offset
+        g[lay.x[1:, Stage.MU]] = offset * CAR.rear_to_centre * np.cos(x[:, Stage.MU])
+        speeding = np.maximum(x[:, Stage.V] - self.speed_limit[1:], 0.0)
+        g[lay.x[1:, Stage.V]] = 2 * dt * self.config.refine.speeding * speeding
+        g[lay.x[-1]] += 2 * self.terminal * (z.x[-1] - self.seed.states[self.n])
+        slack = slice(lay.slack_s[0], None)
+        g[slack] = self.penalty_weights() + SLACK_CURVATURE * self.slacks(z)
+        return g
+
+    def hessian(self, z: Iterate) -> sp.csc_matrix:
+        """Gauss-Newton Hessian, upper triangle (diagonal but for the pairs (d, mu))."""
+        lay, cost, dt = self.layout, self.config.cost, self.dt
+        h = np.full(lay.n_vars, DAMPING)
+        x = z.x[1:]
+        h[lay.u[:, 0]] += 2 * dt * cost.jerk
+        h[lay.u[:, 1]] += 2 * dt * cost.steering_rate
+        h[lay.x[1:, Stage.S]] += dt * cost.distance_decay**2 * self._closeness(x)
+        arm = CAR.rear_to_centre * np.cos(x[:, Stage.MU])
+        h[lay.x[1:, Stage.D]] += 2 * dt * cost.lane
+        h[lay.x[1:, Stage.MU]] += 2 * dt * cost.lane * arm**2
+        fast = x[:, Stage.V] > self.speed_limit[1:]
+        h[lay.x[1:, Stage.V]] += 2 * dt * self.config.refine.speeding * fast
+        h[lay.x[-1]] += 2 * self.terminal
+        h[lay.slack_s[0] :] += SLACK_CURVATURE
+        pairs = 2 * dt * cost.lane * arm
+        every = np.arange(lay.n_vars)
+        rows = np.concatenate([every, lay.x[1:, Stage.D]])
+        cols = np.concatenate([every, lay.x[1:, Stage.MU]])
+        shape = (lay.n_vars, lay.n_vars)
+        return sp.coo_matrix((np.concatenate([h, pairs]), (rows, cols)), shape).tocsc()
+
+    def quadratic(self, z: Iterate) -> Quadratic:
+        """The quadratic model at an iterate, in the step p."""
+        after, jacobian = linearise(z.x[:-1], z.u, self.curvatures(z.x), self.dt)
+        defect = z.x[1:] - after
+        box_low, box_high, box = self._box_rows(z)
+        low, high, value = self._soft_rows(z)
+        slack = self.slacks(z)
+        start = self.x0 - z.x[0]
+        data = np.concatenate([
+            np.ones(len(Stage)), self._dynamics_data(jacobian), np.ones(4 * self.n),
+            *self._soft_data(z), np.ones(3 * self.n + 1),
+        ])  # fmt: skip
+        soft_slack = self._slack_offsets(slack)
+        low_all = [start, defect.T.ravel(), box_low - box, low - value + soft_slack[0], -slack]
+        high_all = [start, defect.T.ravel(), box_high - box, high - value + soft_slack[1],
+                    np.full(len(slack), FREE)]  # fmt: skip
+        return Quadratic(
+            self.hessian(z), self.gradient(z), self.layout.matrix(data),
+            np.maximum(np.concatenate(low_all), -FREE), np.minimum(np.concatenate(high_all), FREE),
+        )  # fmt: skip
+
+    def _dynamics_data(self, jacobian: Array) -> Array:
+        """Entries of A_k p_x + B_k p_u - p_{x+1} = defect, state by state."""
+        minus = np.full((self.n, 1), -1.0)
+        return np.concatenate(
+            [np.hstack([jacobian[:, i, :], minus]).ravel() for i in range(len(Stage))]
+        )
+
+    def _soft_data(self, z: Iterate) -> list[Array]:
+        """Entries of the acceleration limit and of all rows with slacks, in the layout's order."""
+        x = z.x[1:]
+        v, delta, a = x[:, Stage.V], x[:, Stage.DELTA], x[:, Stage.A]
+        ones = np.ones(self.n)
+        share = self.config.refine.actuator_share
+        power = CAR.a_max * CAR.v_switch * share
+        slope = np.where(v > CAR.v_switch, power / np.maximum(v, CAR.v_switch) ** 2, 0.0)
+        lat = v**2 / CAR.wheelbase * np.tan(delta)
+        lat_v = 2 * v / CAR.wheelbase * np.tan(delta)
+        lat_delta = v**2 / CAR.wheelbase / np.cos(delta) ** 2
+        blocks = [np.column_stack([ones, slope])]
+        circle = [2 * a, 2 * lat * lat_v, 2 * lat * lat_delta]
+        blocks.append(np.column_stack([*(c / CAR.a_max for c in circle), -ones]))
+        blocks.append(np.column_stack([lat_v, lat_delta, -ones]))
+        blocks.append(np.column_stack([lat_v, lat_delta, ones]))
+        blocks.append(np.column_stack([ones, -ones]))
+        blocks.append(np.column_stack([ones, ones]))
+        blocks += self._body_data(x)
+        blocks += self._goal_data(z.x[-1])
+        return [block.ravel() for block in blocks]
+
+    def _body_data(self, x: Array) -> list[Array]:
+        mu = x[:, Stage.MU]
+        frame = self.seed.road.frame
+        kappa, slope = frame.curvature(x[:, Stage.S]), frame.curvature_slope(x[:, Stage.S])
+        ones, blocks = np.ones(self.n), []
+        for point in BODY_POINTS:
+            by_s = -slope * (point * np.cos(mu)) ** 2 / 2
+            by_mu = point * np.cos(mu) + kappa * point**2 * np.cos(mu) * np.sin(mu)
+            for sign in (-1.0, 1.0):  # upper bound, lower bound
+                blocks.append(np.column_stack([by_s, ones, by_mu, sign * ones]))
+        return blocks
+
+    def _goal_data(self, x: Array) -> list[Array]:
+        arm = CAR.rear_to_centre * float(np.cos(x[Stage.MU]))
+        turn = float(self.seed.road.frame.curvature(x[Stage.S]))
+        rows = ([1.0], [1.0, arm], [1.0], [turn, 1.0])
+        return [np.array([[*row, -1.0], [*row, 1.0]]) for row in rows]
+
+    def _slack_offsets(self, slack: Array) -> tuple[Array, Array]:
+        """What the present slacks add to the soft rows' bounds: they are variables with steps."""
+        n, points = self.n, len(BODY_POINTS)
+        lon, lat, acceleration = slack[:n], slack[n : 2 * n], slack[2 * n : 3 * n]
+        zero, goal = np.zeros(n), np.full(4, slack[-1])
+        high = [acceleration, acceleration, zero, lon, zero, *[lat, zero] * points]
+        low = [zero, zero, -acceleration, zero, -lon, *[zero, -lat] * points]
+        pairs = np.zeros((2, 8))
+        pairs[0, 1::2], pairs[1, 0::2] = -goal, goal
+        return np.concatenate([*low, pairs[0]]), np.concatenate([*high, pairs[1]])
+
+
+def _both(bounds: Array, free: float, upper: bool) -> list[Array]:
+    """Rows (upper bound row, lower bound row) per point; the other side is free."""
+    rows: list[Array] = []
+    for bound in bounds:
+        other = np.full(len(bound), free)
+        rows += [bound, other] if upper else [other, bound]
+    return rows
+
+
+def _shrunk(
+    interval: tuple[float, float] | None, margin: float, angle: float | None
+) -> tuple[float, float]:
+    """The interval less a margin; angles are moved to the turn of the present value."""
+    if interval is None:
+        return -FREE, FREE
+    low, high = interval
+    margin = min(margin, (high - low) / 2)
+    low, high = low + margin, high - margin
+    if angle is not None:
+        turn = 2 * np.pi * np.round((angle - (low + high) / 2) / (2 * np.pi))
+        low, high = low + turn, high + turn
+    return low, high

@@ -1,0 +1,85 @@
+"""From a seed to a refined plan: corridor, problem, SQP, and the exact drive of its inputs."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mpcplan.config import Config
+from mpcplan.predict.occupancy import Occupancy
+from mpcplan.refine.corridor import build_corridor
+from mpcplan.refine.problem import Iterate, Problem
+from mpcplan.refine.sqp import SqpResult, solve
+from mpcplan.road.goal import GoalWindow
+from mpcplan.seed.goal_fit import speed_fits
+from mpcplan.seed.paths import frenet_pose
+from mpcplan.seed.seed import Seed, Stage
+from mpcplan.trajectory import Array, State, Trajectory
+from mpcplan.vehicle import FORD_ESCORT as CAR
+from mpcplan.vehicle import acceleration_limit, simulate
+
+MIN_STEPS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Refined:
+    """A refined seed.
+
+    Attributes:
+        trajectory: the KS model driven by the solution's inputs.
+        states: (k + 1, 6) Frenet states: the refined ones, then the seed's where it goes on.
+        result: how the SQP went.
+        tr1: the four TR1 terms of the refined part, before and after.
+    """
+
+    trajectory: Trajectory
+    states: Array
+    result: SqpResult
+    tr1: tuple[float, float]
+
+    def as_dict(self) -> dict[str, Any]:
+        """For the trace."""
+        tr1 = {"tr1_before": round(self.tr1[0], 6), "tr1_after": round(self.tr1[1], 6)}
+        return {**self.result.as_dict(), **tr1, "steps": len(self.trajectory.inputs)}
+
+
+def refine(
+    seed: Seed, state: Array, acceleration: float, occupancy: Occupancy, config: Config, dt: float
+) -> Refined | None:
+    """Refines a seed from a rear-axle state; None where the seed is too short to refine."""
+    total = len(seed.states) - 1
+    horizon = config.refine.horizon
+    n = total if horizon == "goal" else min(total, round(float(horizon) / dt))
+    if n < MIN_STEPS:
+        return None
+    pose = frenet_pose(seed.road, state)
+    x0 = np.array([pose.s, pose.d, pose.mu, state[State.V], pose.delta, acceleration])
+    goal = _goal_at_end(seed) if n == total and seed.reaches_goal else None
+    problem = Problem(seed, build_corridor(seed, occupancy, config), x0, goal, n, config, dt)
+    start = problem.initial()
+    result = solve(problem, config.refine)
+    tr1 = (problem.tr1(start), problem.tr1(result.z))
+    trajectory = simulate(state, _inputs(result.z, float(state[State.V]), dt), dt, seed.first_step)
+    states = np.vstack([result.z.x, seed.states[n + 1 :]])
+    return Refined(trajectory, states, result, tr1)
+
+
+def _goal_at_end(seed: Seed) -> GoalWindow | None:
+    """The window that the seed's last state meets in time."""
+    last = seed.first_step + len(seed.states) - 1
+    goals = [goal for goal in seed.road.goals if goal.first <= last <= goal.last]
+    v = seed.states[-1:, Stage.V]
+    fitting = [goal for goal in goals if speed_fits(goal, v)[0]]
+    return (fitting or goals or [None])[0]
+
+
+def _inputs(z: Iterate, v0: float, dt: float) -> Array:
+    """(n, 2) inputs of an iterate, clipped to the actuators (the QP meets them to a tolerance)."""
+    a, w = z.x[1:, Stage.A].tolist(), z.u[:, 1]
+    v, inputs = v0, []
+    for wanted in a:
+        top = float(min(acceleration_limit(v), acceleration_limit(max(v + wanted * dt, 0.0))))
+        applied = max(min(wanted, top, CAR.a_max), -CAR.a_max, -v / dt)
+        inputs.append(applied)
+        v = max(v + applied * dt, 0.0)
+    return np.column_stack([inputs, np.clip(w, -CAR.v_delta_max, CAR.v_delta_max)])

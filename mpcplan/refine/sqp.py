@@ -1,0 +1,144 @@
+"""Sequential quadratic programming for the refinement's problem.
+
+At each iterate the quadratic model is solved for a step p, which is shortened by halving until the
+merit function phi(z) = objective + slack penalties + rho |defects|_1 falls (Nocedal and Wright,
+Numerical Optimization, ch. 18). KKT residuals are computed here from the multipliers, not taken
+from the QP solver.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from mpcplan.config import RefineConfig
+from mpcplan.refine.problem import Iterate, Problem, Quadratic
+from mpcplan.refine.qp import OsqpSolver
+from mpcplan.seed.seed import Stage
+from mpcplan.trajectory import Array
+
+STEP_SCALE = np.array([1.0, 0.2, 0.05, 0.5, 0.05, 1.0])  # of s, d, mu, v, delta, a
+DEFECT_PENALTY = 200.0  # rho of the merit function, at least
+DEFECT_TOLERANCE = 1e-3
+ARMIJO = 1e-4
+
+
+@dataclass(frozen=True)
+class Kkt:
+    """KKT residuals: |grad L|_inf, largest defect, largest actuator excess, complementarity."""
+
+    stationarity: float
+    defect: float
+    bounds: float
+    complementarity: float
+
+    def as_dict(self) -> dict[str, float]:
+        """For the trace."""
+        return {name: float(f"{value:.3e}") for name, value in vars(self).items()}
+
+
+@dataclass(frozen=True, eq=False)
+class SqpResult:
+    """The last iterate with how it came about.
+
+    Attributes:
+        z: the iterate.
+        status: 'converged', 'iteration limit', 'no descent' or 'subproblem failed: ...'.
+        iterations: SQP iterations; qp_iterations: those of OSQP in all.
+        kkt: residuals at the last linearisation.
+        cost_before, cost_after: objective plus slack penalties.
+    """
+
+    z: Iterate
+    status: str
+    iterations: int
+    qp_iterations: int
+    kkt: Kkt
+    cost_before: float
+    cost_after: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """For the trace."""
+        return {
+            "status": self.status,
+            "iterations": self.iterations,
+            "qp_iterations": self.qp_iterations,
+            "kkt": self.kkt.as_dict(),
+            "cost_before": round(self.cost_before, 6),
+            "cost_after": round(self.cost_after, 6),
+        }
+
+
+def solve(problem: Problem, config: RefineConfig) -> SqpResult:
+    """Solves a problem from its seed."""
+    solver = OsqpSolver(config.qp_iterations, config.qp_tolerance)
+    z = problem.initial()
+    before = problem.objective(z) + problem.penalty(z)
+    status, qp_iterations, multipliers, iteration = "iteration limit", 0, None, 0
+    kkt = Kkt(*(4 * (float("inf"),)))
+    for iteration in range(1, config.iterations + 1):
+        model = problem.quadratic(z)
+        if multipliers is not None:
+            kkt = _residuals(problem, z, model, multipliers)
+        answer = solver.solve(model.hessian, model.gradient, model.matrix, model.low, model.high)
+        qp_iterations += answer.iterations
+        if not answer.usable:
+            status = f"subproblem failed: {answer.status}"
+            break
+        multipliers = answer.y
+        moved = _line_search(problem, z, answer.p, multipliers, config.line_search)
+        if moved is None:
+            status = "no descent"
+            break
+        z, step = moved
+        if step < config.tolerance and np.abs(problem.defects(z)).max() < DEFECT_TOLERANCE:
+            status = "converged"
+            break
+    if multipliers is not None:
+        kkt = _residuals(problem, z, problem.quadratic(z), multipliers)
+    after = problem.objective(z) + problem.penalty(z)
+    return SqpResult(z, status, iteration, qp_iterations, kkt, before, after)
+
+
+def _residuals(problem: Problem, z: Iterate, model: Quadratic, y: Array) -> Kkt:
+    """KKT residuals at z with the multipliers of the last subproblem."""
+    stationarity = np.abs(model.gradient + model.matrix.T @ y).max()
+    slack_low, slack_high = np.abs(np.minimum(model.low, 0.0)), np.abs(np.maximum(model.high, 0.0))
+    products = np.where(y < 0, -y * slack_low, y * slack_high)
+    equality = model.low == model.high
+    return Kkt(
+        float(stationarity),
+        float(np.abs(problem.defects(z)).max()),
+        problem.hard_violation(z),
+        float(np.where(equality, 0.0, products).max()),
+    )
+
+
+def _split(problem: Problem, p: Array) -> tuple[Array, Array]:
+    """The parts of a step for states and inputs."""
+    return p[problem.layout.x], p[problem.layout.u]
+
+
+def _merit(problem: Problem, z: Iterate, rho: float) -> float:
+    defect = np.abs(problem.defects(z)).sum() + 10 * problem.hard_violation(z)
+    return problem.objective(z) + problem.penalty(z) + rho * float(defect)
+
+
+def _line_search(
+    problem: Problem, z: Iterate, p: Array, y: Array, halvings: int
+) -> tuple[Iterate, float] | None:
+    """The first shortened step that lowers the merit function, with its scaled size."""
+    dx, du = _split(problem, p)
+    dynamics = slice(len(Stage), len(Stage) * (problem.n + 1))
+    rho = max(DEFECT_PENALTY, 1.2 * float(np.abs(y[dynamics]).max()))
+    before = _merit(problem, z, rho)
+    alpha = 1.0
+    for _ in range(halvings + 1):
+        trial = Iterate(z.x + alpha * dx, z.u + alpha * du)
+        size = alpha * float(np.abs(dx / STEP_SCALE).max())
+        if _merit(problem, trial, rho) <= before - ARMIJO * alpha * abs(before) * 1e-2:
+            return trial, size
+        alpha /= 2
+    if float(np.abs(dx / STEP_SCALE).max()) < 0.05:
+        return z, 0.0  # the model finds nothing better nearby: this is the optimum
+    return None
