@@ -21,7 +21,7 @@ from mpcplan.errors import InputError, MpcplanError, RefereeError
 
 if TYPE_CHECKING:
     from mpcplan.score.verdict import Verdict
-    from mpcplan.simulate.loop import Drive, Run
+    from mpcplan.simulate.run import Drive, Run
 
 OK, FAILED, BAD_INPUT, INTERNAL, INTERRUPTED = 0, 1, 2, 3, 130
 

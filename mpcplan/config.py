@@ -1,6 +1,6 @@
 """Typed, validated configuration: every parameter with its unit, range and meaning."""
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -45,7 +45,7 @@ class RoadConfig(Section):
     )
     behind: float = par(20.0, "m", "reference path kept behind the start", ge=5, le=100)
     ahead: float = par(60.0, "m", "reference path kept past what can be reached", ge=10, le=500)
-    margin: float = par(0.05, "m", "distance kept from the road's edge", ge=0, le=1)
+    margin: float = par(0.1, "m", "distance kept from the road's edge", ge=0, le=1)
     lateral_acceleration: float = par(
         5.0, "m/s^2", "lateral acceleration that planned speeds respect in curves", gt=0.5, le=11
     )
@@ -87,6 +87,9 @@ class SeedConfig(Section):
     lengths: tuple[float, ...] = par(
         (15.0, 40.0), "m", "sampled lengths of a lateral move", min_length=1
     )
+    passed: int = par(2, "1", "slow obstacles around which paths lead out and back", ge=0, le=10)
+    pass_speed: float = par(5.0, "m/s", "obstacles slower than this may be passed", ge=0, le=30)
+    pass_gap: float = par(0.5, "m", "gap to the side when passing", ge=0, le=3)
     margin_lon: float = par(0.5, "m", "gap kept ahead and behind", ge=0, le=5)
     margin_lat: float = par(0.15, "m", "gap kept to the side", ge=0, le=2)
     goal_missed: float = par(
@@ -115,11 +118,15 @@ class RefineConfig(Section):
     """The optimal-control problem and its solution by sequential quadratic programming."""
 
     enabled: bool = par(True, "", "refine the seeds; otherwise the sampled lattice drives alone")
-    horizon: float | Literal["goal"] = par(
+    horizon: Annotated[float, Field(gt=0, le=60)] | Literal["goal"] = par(
         3.0, "s", "length of the problem, or 'goal' for the whole way to the goal"
+    )
+    fresh_to_goal: bool = par(
+        True, "", "refine a fresh seed to its end once, whatever the horizon of later cycles is"
     )
     iterations: int = par(12, "1", "SQP iterations at most", ge=1, le=200)
     tolerance: float = par(2e-3, "1", "scaled step at which the iteration ends", gt=0, le=1)
+    gain: float = par(5e-4, "1", "relative gain at which the iteration ends", ge=0, le=1)
     qp_iterations: int = par(400, "1", "OSQP iterations at most per subproblem", ge=10, le=100000)
     qp_tolerance: float = par(1e-4, "1", "OSQP's absolute and relative tolerance", gt=0, le=0.1)
     line_search: int = par(6, "1", "halvings of a step at most", ge=0, le=30)
@@ -137,7 +144,7 @@ class RefineConfig(Section):
         2.0, "s/m^2", "weight of the squared excess over the speed limit", ge=0, le=1e3
     )
     terminal: tuple[float, float, float, float, float, float] = par(
-        (0.05, 0.5, 20.0, 0.5, 10.0, 0.02), "1/unit^2",
+        (1.0, 10.0, 400.0, 10.0, 200.0, 0.4), "1/unit^2",
         "weights of the last state's distance from the seed (s, d, mu, v, delta, a), where the "
         "problem ends before the goal",
     )

@@ -20,13 +20,14 @@ from mpcplan.refine.refine import refine
 from mpcplan.road.goal import is_reached
 from mpcplan.road.road import Road, build_roads
 from mpcplan.scenario import LoadedScenario, Problem
-from mpcplan.seed.candidates import find_seeds
-from mpcplan.seed.seed import Seed, SeedReport
+from mpcplan.seed.candidates import Effort, find_seeds
+from mpcplan.seed.seed import Seed, SeedReport, after
 from mpcplan.seed.track import track
 from mpcplan.trajectory import Trajectory
 from mpcplan.verify.drivability import Finding, verify
 from mpcplan.verify.failsafe import braking_tail
 
+LAST_PLAN = "last plan"  # source of what is left of the plan before
 WORTHWHILE = 0.97  # a new seed is refined beside the last plan if its cost is below this share
 ENOUGH_ROADS = 1  # roads that are planned on once one of them has a plan
 
@@ -95,7 +96,7 @@ class Planner:
         for road in self._road_order():
             if any(option.reaches_goal for option in options) and road is not self._current_road:
                 break
-            seeds, found = self._seeds(cycle, road, thorough=not options)
+            seeds, found = self._seeds(cycle, road, _effort(options))
             reports += found
             for seed in self._worth_refining(seeds, options, last):
                 self._develop(cycle, seed, options, refused)
@@ -112,13 +113,13 @@ class Planner:
         return [current, *(road for road in self.roads if road is not current)]
 
     def _seeds(
-        self, cycle: _Cycle, road: Road, thorough: bool
+        self, cycle: _Cycle, road: Road, effort: Effort
     ) -> tuple[list[Seed], list[SeedReport]]:
         seen = cycle.observation
         around = self._occupancy(cycle, road)
         with cycle.clock("seed"):
             return find_seeds(
-                road, seen.state, seen.acceleration, seen.step, around, self.config, self.dt, thorough
+                road, seen.state, seen.acceleration, seen.step, around, self.config, self.dt, effort
             )
 
     def _worth_refining(
@@ -151,7 +152,7 @@ class Planner:
             return None
         return Seed(
             seed.road, cycle.observation.step, states, self._last.cost, seed.reaches_goal,
-            "last plan", seed.label,
+            LAST_PLAN, seed.label,
         )  # fmt: skip
 
     # -- refinement and verification ----------------------------------------------------------------
@@ -173,16 +174,19 @@ class Planner:
         seen = cycle.observation
         around = self._occupancy(cycle, seed.road)
         with cycle.clock("refine"):
-            refined = refine(seed, seen.state, seen.acceleration, around, self.config, self.dt)
+            fresh = seed.source != LAST_PLAN
+            refined = refine(
+                seed, seen.state, seen.acceleration, around, self.config, self.dt, fresh
+            )
         if refined is None:
             return None
-        whole = len(refined.trajectory.inputs) == len(seed.states) - 1
-        trajectory, finding, reaches = self._finish(
-            cycle, refined.trajectory, seed, whole and seed.reaches_goal
-        )
-        reaches = reaches if whole else seed.reaches_goal
+        trajectory, rest = refined.trajectory, len(refined.trajectory.inputs)
+        if rest < len(seed.states) - 1:  # the problem ends before the seed: the seed goes on
+            onward = track(after(seed, rest), trajectory.states[-1], self.dt)
+            trajectory = trajectory.then(onward)
+        trajectory, finding, reaches = self._finish(cycle, trajectory, seed)
         return Option(
-            trajectory, seed, refined.states, refined.result.cost_after, reaches, finding,
+            trajectory, seed, refined.states, refined.cost, reaches, finding,
             f"{seed.source}, refined", refined,
         )  # fmt: skip
 
@@ -190,16 +194,16 @@ class Planner:
         """The seed driven by feedback."""
         with cycle.clock("track"):
             trajectory = track(seed, cycle.observation.state, self.dt)
-        trajectory, finding, reaches = self._finish(cycle, trajectory, seed, seed.reaches_goal)
+        trajectory, finding, reaches = self._finish(cycle, trajectory, seed)
         source = f"{seed.source}, unrefined" if fallback else seed.source
         return Option(trajectory, seed, seed.states, seed.cost, reaches, finding, source)
 
     def _finish(
-        self, cycle: _Cycle, trajectory: Trajectory, seed: Seed, to_goal: bool
+        self, cycle: _Cycle, trajectory: Trajectory, seed: Seed
     ) -> tuple[Trajectory, Finding, bool]:
         """The trajectory ended at the goal, or continued by a fail-safe tail; and verified."""
         with cycle.clock("verify"):
-            reached = self._goal_step(trajectory) if to_goal else None
+            reached = self._goal_step(trajectory) if seed.reaches_goal else None
             if reached is not None:
                 trajectory = trajectory.until(reached)
             else:
@@ -268,6 +272,13 @@ class Planner:
         return Option(
             trajectory, None, np.empty((0, 6)), float("inf"), False, finding, "emergency braking"
         )
+
+
+def _effort(options: list[Option]) -> Effort:
+    """A plan that goes on to the goal needs no search; without any plan it is worth its time."""
+    if not options:
+        return Effort.ALWAYS
+    return Effort.NEVER if any(o.reaches_goal for o in options) else Effort.IF_NEEDED
 
 
 def _why(refused: list[Option], what: str) -> str:

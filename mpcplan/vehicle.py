@@ -49,7 +49,8 @@ FORD_ESCORT = Vehicle()
 def acceleration_limit(v: Array | float, vehicle: Vehicle = FORD_ESCORT) -> Array:
     """Upper bound of the acceleration [m/s^2] at speed v [m/s]: a_max min(1, v_switch / v)."""
     v = np.maximum(np.asarray(v, dtype=float), vehicle.v_switch)
-    return vehicle.a_max * vehicle.v_switch / v
+    limit: Array = vehicle.a_max * vehicle.v_switch / v
+    return limit
 
 
 def step(
@@ -57,8 +58,8 @@ def step(
 ) -> tuple[float, float, float, float, float]:
     """One step of the KS model with constant inputs.
 
-    v and delta are integrated exactly; psi, x, y by the classical Runge-Kutta scheme, whose error
-    at dt = 0.1 s lies below 1e-6 m (tested against the checker's integrator).
+    v and delta are integrated exactly; psi, x, y by two classical Runge-Kutta steps of half the
+    length, which agrees with the checker's integrator to 1e-5 m (tested).
 
     Args:
         x: [x, y, delta, v, psi] at the rear axle.
@@ -70,6 +71,13 @@ def step(
     Returns:
         The state after dt.
     """
+    return _runge_kutta(_runge_kutta(x, a, v_delta, dt / 2, l), a, v_delta, dt / 2, l)
+
+
+def _runge_kutta(
+    x: Sequence[float], a: float, v_delta: float, dt: float, l: float
+) -> tuple[float, float, float, float, float]:
+    """One classical Runge-Kutta step of the KS model."""
     px, py, delta, v, psi = x
     v_half, v_end = v + a * dt / 2, v + a * dt
     d_half, d_end = delta + v_delta * dt / 2, delta + v_delta * dt
@@ -78,12 +86,9 @@ def step(
     w4 = v_end / l * math.tan(d_end)
     # psi' does not depend on psi: the scheme's second and third stage share w2
     p2, p3, p4 = psi + w1 * dt / 2, psi + w2 * dt / 2, psi + w2 * dt
-    px += dt / 6 * (
-        v * math.cos(psi) + 2 * v_half * (math.cos(p2) + math.cos(p3)) + v_end * math.cos(p4)
-    )
-    py += dt / 6 * (
-        v * math.sin(psi) + 2 * v_half * (math.sin(p2) + math.sin(p3)) + v_end * math.sin(p4)
-    )
+    middle_x, middle_y = math.cos(p2) + math.cos(p3), math.sin(p2) + math.sin(p3)
+    px += dt / 6 * (v * math.cos(psi) + 2 * v_half * middle_x + v_end * math.cos(p4))
+    py += dt / 6 * (v * math.sin(psi) + 2 * v_half * middle_y + v_end * math.sin(p4))
     return px, py, d_end, v_end, psi + dt / 6 * (w1 + 4 * w2 + w4)
 
 

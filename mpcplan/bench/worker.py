@@ -24,7 +24,7 @@ from mpcplan.score.referee import Verdict, evaluate
 from mpcplan.score.tr1 import PARTS
 
 if TYPE_CHECKING:
-    from mpcplan.simulate.loop import Run
+    from mpcplan.simulate.run import Run
 
 
 def work(scenario: Path, out: Path, config_path: Path) -> Row:

@@ -5,7 +5,7 @@ For every time step and obstacle the seed tells on which axis the two are apart:
 it keeps the seed's homotopy. The evaluated cost's leader is fixed in the same way.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from mpcplan.vehicle import FORD_ESCORT as CAR
 
 LON_SCALE = 4.0  # m, a longitudinal gap of this weighs as much as
 LAT_SCALE = 1.0  # m, a lateral one of this when the axis is chosen
+SPARE = 0.03  # m, kept on top of verification's margin, or left of the seed's own gap
 FAR = 1e3  # m, no bound
 
 
@@ -29,6 +30,8 @@ class Corridor:
         s_min, s_max: (N + 1,) bounds of s [m].
         d_min, d_max: (N + 1,) bounds from obstacles beside, for every point of the body's axis [m].
         lead: (N + 1,) arc length of the centre of the obstacle that TR1 counts as ahead, else inf.
+        slant: (N + 1, 3) columns (n_s, n_d, bound): n_s s_c + n_d d_c <= bound for the body's
+            centre, against the obstacle that only its own axes part from the body; else (0, 0, FAR).
     """
 
     s_min: Array
@@ -36,6 +39,11 @@ class Corridor:
     d_min: Array
     d_max: Array
     lead: Array
+    slant: Array
+
+    def steps(self, first: int, end: int) -> "Corridor":
+        """The part over steps first..end - 1."""
+        return Corridor(*(getattr(self, f.name)[first:end] for f in fields(self)))
 
 
 def build_corridor(seed: Seed, occupancy: Occupancy, config: Config) -> Corridor:
@@ -47,12 +55,23 @@ def build_corridor(seed: Seed, occupancy: Occupancy, config: Config) -> Corridor
     ahead, behind, left, right = _gaps(s, d, mu, window, near)
     lon, lat = np.fmax(ahead, behind), np.fmax(left, right)
     by_lon = lon / LON_SCALE >= lat / LAT_SCALE
-    margin = config.seed.margin_lon / 2
-    bounds = _bounds(window, near, by_lon, ahead >= behind, left >= right, margin, config)
-    s_min, s_max, d_min, d_max = bounds
-    road_end = seed.road.limits.end - CAR.front
-    s_max = np.minimum(s_max, road_end)
-    return Corridor(s_min, s_max, d_min, d_max, _lead(seed, window, near, config))
+    slant, by_slant = _slants(s, d, mu, window, near, np.fmax(lon, lat), config)
+    least = config.verify.margin + SPARE
+    lon_margin = np.clip(lon - SPARE, least, config.seed.margin_lon)
+    lat_margin = np.clip(lat - SPARE, least, config.seed.margin_lat)
+    chosen = ~by_slant & np.isfinite(window.s_low[near])
+    half = CAR.width / 2
+
+    def nearest(values: Array, these: Array) -> Array:
+        return np.where(these, values, FAR).min(axis=0, initial=FAR)
+
+    in_front, to_left = ahead >= behind, left >= right
+    s_max = nearest(window.s_low[near] - CAR.front - lon_margin, chosen & by_lon & in_front)
+    s_min = -nearest(-(window.s_high[near] + CAR.rear + lon_margin), chosen & by_lon & ~in_front)
+    d_max = nearest(window.d_low[near] - half - lat_margin, chosen & ~by_lon & to_left)
+    d_min = -nearest(-(window.d_high[near] + half + lat_margin), chosen & ~by_lon & ~to_left)
+    s_max = np.minimum(s_max, seed.road.limits.end - CAR.front)
+    return Corridor(s_min, s_max, d_min, d_max, _lead(seed, window, near, config), slant)
 
 
 def _gaps(
@@ -68,22 +87,43 @@ def _gaps(
     return ahead, behind, left, right
 
 
-def _bounds(
-    window: Occupancy, rows: Array, by_lon: Array, is_ahead: Array, is_left: Array, margin: float,
-    config: Config,
-) -> tuple[Array, Array, Array, Array]:  # fmt: skip
-    """Bounds of s and d over the steps from the chosen axes."""
-    lat = config.seed.margin_lat + CAR.width / 2
+def _slants(
+    s: Array, d: Array, mu: Array, window: Occupancy, rows: Array, gap: Array, config: Config
+) -> tuple[Array, Array]:
+    """Half-planes along the obstacles' own axes where neither s nor d parts them from the body.
 
-    def least(values: Array, chosen: Array) -> Array:
-        return np.where(chosen & np.isfinite(values), values, FAR).min(axis=0, initial=FAR)
+    Returns the tightest per step, (n, 3), and (m, n) which obstacles they serve.
+    """
+    s_c, d_c = s + CAR.rear_to_centre * np.cos(mu), d + CAR.rear_to_centre * np.sin(mu)
+    with np.errstate(invalid="ignore"):
+        tight = np.isfinite(gap) & (gap < config.verify.margin + SPARE)
+    slant = np.tile([0.0, 0.0, FAR], (len(s), 1))
+    serves = np.zeros(gap.shape, bool)
+    for m, k in zip(*np.nonzero(tight), strict=True):
+        row, turn = rows[m], window.turn[rows[m], k]
+        best = None
+        for axis, extent in ((turn, window.length[row, k]), (turn + np.pi / 2, window.width[row, k])):
+            ds, dd = window.s[row, k] - s_c[k], window.d[row, k] - d_c[k]
+            side = 1.0 if ds * np.cos(axis) + dd * np.sin(axis) >= 0 else -1.0
+            n_s, n_d = side * np.cos(axis), side * np.sin(axis)
+            reach = extent / 2 + CAR.length / 2 * abs(np.cos(mu[k] - axis))
+            reach += CAR.width / 2 * abs(np.sin(mu[k] - axis))
+            space = n_s * ds + n_d * dd - reach
+            if best is None or space > best[0]:
+                at = n_s * window.s[row, k] + n_d * window.d[row, k] - reach
+                best = (space, n_s, n_d, at)
+        assert best is not None
+        if best[0] > gap[m, k]:
+            serves[m, k] = True
+            if best[0] < _slack(slant[k], s_c[k], d_c[k]):
+                margin = np.clip(best[0] - SPARE, config.verify.margin, config.seed.margin_lat)
+                slant[k] = best[1], best[2], best[3] - margin
+    return slant, serves
 
-    there = np.isfinite(window.s_low[rows])
-    s_max = least(window.s_low[rows] - CAR.front - margin, there & by_lon & is_ahead)
-    s_min = -least(-(window.s_high[rows] + CAR.rear + margin), there & by_lon & ~is_ahead)
-    d_max = least(window.d_low[rows] - lat, there & ~by_lon & is_left)
-    d_min = -least(-(window.d_high[rows] + lat), there & ~by_lon & ~is_left)
-    return s_min, s_max, d_min, d_max
+
+def _slack(slant: Array, s_c: float, d_c: float) -> float:
+    """Room that a half-plane leaves to a centre [m]."""
+    return float(slant[2] - slant[0] * s_c - slant[1] * d_c)
 
 
 def _lead(seed: Seed, window: Occupancy, rows: Array, config: Config) -> Array:
@@ -98,16 +138,16 @@ def _lead(seed: Seed, window: Occupancy, rows: Array, config: Config) -> Array:
 
 
 def lateral_bounds(
-    seed: Seed, corridor: Corridor, s: Array, mu: Array
+    seed: Seed, corridor: Corridor, s: Array, half: Array
 ) -> tuple[Array, Array]:
-    """(n, 3) bounds of d at the body's points from road and obstacles, at the present s and mu."""
+    """(n, 3) bounds of d from road and obstacles, for the body's points at (n, 3) arc lengths s.
+
+    ``half`` is the body's half width as seen across the path at these points [m].
+    """
     road, limits = seed.road, seed.road.limits
-    half = CAR.width / 2
-    low, high = [], []
-    for ahead in BODY_POINTS:
-        at = s + ahead * np.cos(mu)
-        left = np.interp(at, road.frame.s, limits.left) - half
-        right = np.interp(at, road.frame.s, limits.right) + half
-        low.append(np.maximum(right, corridor.d_min))
-        high.append(np.minimum(left, corridor.d_max))
-    return np.stack(low, axis=1), np.stack(high, axis=1)
+    left = np.interp(s, road.frame.s, limits.left) - half
+    right = np.interp(s, road.frame.s, limits.right) + half
+    # obstacle bounds hold for the body's sides; they were made for the full half width
+    d_min = corridor.d_min[:, None] - CAR.width / 2 + half
+    d_max = corridor.d_max[:, None] + CAR.width / 2 - half
+    return np.maximum(right, d_min), np.minimum(left, d_max)

@@ -31,6 +31,8 @@ class Layout:
         n: steps N.
         x: (N + 1, 6) and u: (N, 2) columns of the stages.
         slack_s, slack_d, slack_a: (N,) columns; slack_goal: the last column.
+        h_indices, h_indptr: CSC pattern of the Hessian's upper triangle; h_diagonal and h_pair are the
+            places of its diagonal and of its entries (d_k, mu_k), k = 1..N, in the data.
         rows, cols: positions of all entries of A in the order in which data is given.
         order, indptr, indices: that order's permutation into CSC.
     """
@@ -48,6 +50,10 @@ class Layout:
     indices: Index
     indptr: Index
     n_rows: int
+    h_indices: Index
+    h_indptr: Index
+    h_pair: Index
+    h_diagonal: Index
 
     @property
     def n_vars(self) -> int:
@@ -58,6 +64,13 @@ class Layout:
         """A from the data in the order of the entries."""
         shape = (self.n_rows, self.n_vars)
         return sp.csc_matrix((data[self.order], self.indices, self.indptr), shape=shape)
+
+    def hessian(self, diagonal: Array, pairs: Array) -> sp.csc_matrix:
+        """The Hessian's upper triangle from its diagonal and the entries (d_k, mu_k)."""
+        data = np.empty(len(self.h_indices))
+        data[self.h_diagonal], data[self.h_pair] = diagonal, pairs
+        shape = (self.n_vars, self.n_vars)
+        return sp.csc_matrix((data, self.h_indices, self.h_indptr), shape=shape)
 
 
 @lru_cache(maxsize=256)
@@ -74,9 +87,22 @@ def layout(n: int) -> Layout:
     order = np.lexsort((rows, cols))
     counts = np.bincount(cols, minlength=goal + 1)
     indptr = np.concatenate([[0], np.cumsum(counts)])
+    pattern = _hessian_pattern(goal + 1, x[1:, Stage.D], x[1:, Stage.MU])
     return Layout(
-        n, x, u, slack_s, slack_d, slack_a, goal, rows, cols, order, rows[order], indptr, n_rows
-    )
+        n, x, u, slack_s, slack_d, slack_a, goal, rows, cols, order, rows[order], indptr, n_rows,
+        *pattern,
+    )  # fmt: skip
+
+
+def _hessian_pattern(size: int, d: Index, mu: Index) -> tuple[Index, Index, Index, Index]:
+    """Indices, index pointers and the data's places of pairs and diagonal: see :class:`Layout`."""
+    rows = np.concatenate([np.arange(size), d])
+    cols = np.concatenate([np.arange(size), mu])
+    order = np.lexsort((rows, cols))
+    place = np.empty(len(order), int)
+    place[order] = np.arange(len(order))
+    indptr = np.concatenate([[0], np.cumsum(np.bincount(cols, minlength=size))])
+    return rows[order], indptr, place[size:], place[:size]
 
 
 def _entries(
@@ -109,6 +135,7 @@ def _entries(
         add(np.column_stack([s, slack_s]), n)  # corridor in s
     for _ in range(2 * POINTS):
         add(np.column_stack([s, d, mu, slack_d]), n)  # corridor in d
+    add(np.column_stack([s, d, mu, slack_s]), n)  # half-planes against turned obstacles
     last = x[-1]
     goal_slack = np.full(2, goal)
     for columns in ((Stage.S,), (Stage.D, Stage.MU), (Stage.V,), (Stage.S, Stage.MU)):

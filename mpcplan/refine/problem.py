@@ -8,8 +8,9 @@ States x = [s, d, mu, v, delta, a], inputs u = [j, w], steps k = 0..N (see :mod:
          |delta| <= 0.91, 0 <= v <= 45.8, |w| <= 0.4, -11.5 <= a, a <= 11.5 min(1, 4.755/v),
          a^2 + (v^2/l tan delta)^2 <= 11.5^2 + sigma_a, |v^2/l tan delta| <= a_lat + sigma_a,
          s_min - sigma_s <= s <= s_max + sigma_s,
-         d_min - sigma_d <= d + l_i sin mu - kappa (l_i cos mu)^2 / 2 <= d_max + sigma_d
-         for the points l_i of the body's axis (rear, centre, front), goal window at k = N,
+         d_min - sigma_d <= d_i(s, d, mu) <= d_max + sigma_d for the points i of the body's axis
+         (rear, centre, front), projected exactly; half-planes against turned obstacles,
+         goal window at k = N,
 
 with e = d + b sin mu - lane the offset of the body's centre. The slacks have an exact (L1) penalty
 rho. The quadratic model linearises the constraints and takes the Gauss-Newton Hessian; the
@@ -18,6 +19,7 @@ section 6; Diehl et al.: Fast direct multiple shooting (2006).
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sp
@@ -37,7 +39,9 @@ GOAL_MARGIN = 0.02  # m (and m/s, and 1e-2 of it rad), the window is entered by 
 SLACK_CURVATURE = 0.1  # quadratic part of the slack penalty
 DAMPING = 1e-5  # added to the Hessian's diagonal
 CLOSEST = -6.0  # m, smallest gap in the closeness term
-MU_LIMIT = 1.3  # rad
+STATE_SCALE = (1.0, 0.2, 0.05, 0.5, 0.05, 1.0)  # s, d, mu, v, delta, a
+INPUT_SCALE = (4.0, 0.05)  # j, w
+SLACK_SCALE = (0.3, 0.1, 0.5, 0.1)  # in s, in d, acceleration, goal
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +50,30 @@ class Iterate:
 
     x: Array
     u: Array
+
+
+class _Values:
+    """What is computed once per iterate and asked for several times."""
+
+    def __init__(self, problem: "Problem", z: Iterate) -> None:
+        self._problem, self._z = problem, z
+
+    @cached_property
+    def defects(self) -> Array:
+        z, problem = self._z, self._problem
+        return z.x[1:] - propagate(z.x[:-1], z.u, problem.curvatures(z.x), problem.dt)
+
+    @cached_property
+    def body(self) -> tuple[Array, Array, Array]:
+        return self._problem._project_body(self._z.x[1:])
+
+    @cached_property
+    def soft_rows(self) -> tuple[Array, Array, Array]:
+        return self._problem._soft_rows(self._z)
+
+    @cached_property
+    def slacks(self) -> Array:
+        return self._problem._least_slacks(*self.soft_rows)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +98,7 @@ class Problem:
         self.seed, self.corridor, self.goal, self.n = seed, corridor, goal, n
         self.config, self.dt, self.x0 = config, dt, x0
         self.layout: Layout = layout(n)
+        self._latest: tuple[Iterate, _Values] | None = None
         road = seed.road
         s = seed.states[: n + 1, Stage.S]
         self.lane = np.interp(s, road.frame.s, road.limits.lane)
@@ -77,6 +106,12 @@ class Problem:
         self.terminal = np.zeros(len(Stage)) if goal else np.array(config.refine.terminal)
         start = abs(float(x0[Stage.V] ** 2 / CAR.wheelbase * np.tan(x0[Stage.DELTA])))
         self.lateral_limit = max(config.road.lateral_acceleration, min(start, 0.9 * CAR.a_max))
+
+    def scales(self) -> Array:
+        """Typical sizes of all variables, in the layout's order."""
+        stage = np.tile([*STATE_SCALE, *INPUT_SCALE], self.n + 1)[: -len(INPUT_SCALE)]
+        slack = np.repeat(SLACK_SCALE[:3], self.n)
+        return np.concatenate([stage, slack, SLACK_SCALE[3:]])
 
     # -- start --------------------------------------------------------------------------------
 
@@ -101,9 +136,15 @@ class Problem:
         kappa = frame.curvature(s)
         return np.column_stack([kappa, (frame.curvature(s + ahead) - kappa) / ahead, s])
 
+    def _at(self, z: Iterate) -> _Values:
+        """The values at an iterate; the latest are kept."""
+        if self._latest is None or self._latest[0] is not z:
+            self._latest = z, _Values(self, z)
+        return self._latest[1]
+
     def defects(self, z: Iterate) -> Array:
         """(N, 6) x_{k+1} - F(x_k, u_k)."""
-        return z.x[1:] - propagate(z.x[:-1], z.u, self.curvatures(z.x), self.dt)
+        return self._at(z).defects
 
     def objective(self, z: Iterate) -> float:
         """The cost without slack penalties."""
@@ -133,14 +174,17 @@ class Problem:
 
     def slacks(self, z: Iterate) -> Array:
         """(3 N + 1,) smallest slacks with which the constraints hold: s, d, a, goal."""
-        low, high, value = self._soft_rows(z)
+        return self._at(z).slacks
+
+    def _least_slacks(self, low: Array, high: Array, value: Array) -> Array:
         excess = np.maximum(np.maximum(low - value, value - high), 0.0)
         n, at = self.n, 0
         groups = []
-        for count in (3, 2, 2 * len(BODY_POINTS)):  # acceleration, s, d: rows per step
+        for count in (3, 2, 2 * len(BODY_POINTS), 1):  # acceleration, s, d, slant: rows per step
             groups.append(excess[at : at + count * n].reshape(count, n).max(axis=0))
             at += count * n
-        acceleration, lon, lat = groups
+        acceleration, lon, lat, slant = groups
+        lon = np.maximum(lon, slant)
         return np.concatenate([lon, lat, acceleration, [excess[at:].max(initial=0.0)]])
 
     def penalty_weights(self) -> Array:
@@ -188,30 +232,44 @@ class Problem:
         s = x[:, Stage.S]
         free = np.full(self.n, FREE)
         points, d_low, d_high = self._body(z)
+        slant = self.corridor.slant[1 : self.n + 1]
+        centre = self._slant_value(x)
         goal_low, goal_high, goal = self._goal_rows(z.x[-1])
         side, limit = np.full(self.n, self.lateral_limit), np.full(self.n, circle_max)
         corridor = self.corridor
         s_min, s_max = corridor.s_min[1 : self.n + 1], corridor.s_max[1 : self.n + 1]
-        low = [-free, -free, -side, -free, s_min, *_both(d_low.T, -FREE, upper=False), goal_low]
-        high = [limit, side, free, s_max, free, *_both(d_high.T, FREE, upper=True), goal_high]
-        value = [circle, lat, lat, s, s, *np.repeat(points.T, 2, axis=0), goal]
+        low = [-free, -free, -side, -free, s_min, *_both(d_low.T, -FREE, upper=False),
+               -free, goal_low]  # fmt: skip
+        high = [limit, side, free, s_max, free, *_both(d_high.T, FREE, upper=True),
+                slant[:, 2], goal_high]  # fmt: skip
+        value = [circle, lat, lat, s, s, *np.repeat(points.T, 2, axis=0), centre, goal]
         return np.concatenate(low), np.concatenate(high), np.concatenate(value)
 
-    def _body(self, z: Iterate) -> tuple[Array, Array, Array]:
-        """(N, 3) offsets of the body's points and their bounds."""
-        x = z.x[1:]
-        s, d, mu = x[:, Stage.S], x[:, Stage.D], x[:, Stage.MU]
-        kappa = self.seed.road.frame.curvature(s)
-        along = np.cos(mu)[:, None] * np.array(BODY_POINTS)
-        points = d[:, None] + np.sin(mu)[:, None] * BODY_POINTS - kappa[:, None] * along**2 / 2
-        low, high = lateral_bounds(self.seed, self._corridor_steps(), s, mu)
-        return points, low, high
+    def _slant_value(self, x: Array) -> Array:
+        """(N,) n_s s_c + n_d d_c of the body's centre."""
+        slant = self.corridor.slant[1 : self.n + 1]
+        s_c = x[:, Stage.S] + CAR.rear_to_centre * np.cos(x[:, Stage.MU])
+        d_c = x[:, Stage.D] + CAR.rear_to_centre * np.sin(x[:, Stage.MU])
+        return slant[:, 0] * s_c + slant[:, 1] * d_c
 
-    def _corridor_steps(self) -> Corridor:
-        c, end = self.corridor, self.n + 1
-        return Corridor(
-            c.s_min[1:end], c.s_max[1:end], c.d_min[1:end], c.d_max[1:end], c.lead[1:end]
-        )
+    def _body(self, z: Iterate) -> tuple[Array, Array, Array]:
+        """(N, 3) offsets of the body's points, projected exactly, and their bounds."""
+        at, offset, turn = self._at(z).body
+        half = CAR.width / 2 * np.abs(np.cos(turn))
+        corridor = self.corridor.steps(1, self.n + 1)
+        low, high = lateral_bounds(self.seed, corridor, at, half)
+        return offset, low, high
+
+    def _project_body(self, x: Array) -> tuple[Array, Array, Array]:
+        """(N, 3) arc lengths and offsets of the body's points, and the body's heading there."""
+        frame = self.seed.road.frame
+        s, mu = x[:, Stage.S], x[:, Stage.MU]
+        psi = frame.heading(s) + mu
+        axle = frame.to_cartesian(s, x[:, Stage.D])
+        ahead = np.stack([np.cos(psi), np.sin(psi)], axis=1)
+        points = axle[:, None] + np.array(BODY_POINTS)[None, :, None] * ahead[:, None]
+        at, offset = frame.to_frenet(points, s[:, None] + np.array(BODY_POINTS))
+        return at, offset, psi[:, None] - frame.heading(at)
 
     def _goal_rows(self, x: Array) -> tuple[Array, Array, Array]:
         """low, high, value of the goal's eight rows (free where nothing is asked for)."""
@@ -269,19 +327,14 @@ class Problem:
         h[lay.x[1:, Stage.V]] += 2 * dt * self.config.refine.speeding * fast
         h[lay.x[-1]] += 2 * self.terminal
         h[lay.slack_s[0] :] += SLACK_CURVATURE
-        pairs = 2 * dt * cost.lane * arm
-        every = np.arange(lay.n_vars)
-        rows = np.concatenate([every, lay.x[1:, Stage.D]])
-        cols = np.concatenate([every, lay.x[1:, Stage.MU]])
-        shape = (lay.n_vars, lay.n_vars)
-        return sp.coo_matrix((np.concatenate([h, pairs]), (rows, cols)), shape).tocsc()
+        return lay.hessian(h, 2 * dt * cost.lane * arm)
 
     def quadratic(self, z: Iterate) -> Quadratic:
         """The quadratic model at an iterate, in the step p."""
         after, jacobian = linearise(z.x[:-1], z.u, self.curvatures(z.x), self.dt)
         defect = z.x[1:] - after
         box_low, box_high, box = self._box_rows(z)
-        low, high, value = self._soft_rows(z)
+        low, high, value = self._at(z).soft_rows
         slack = self.slacks(z)
         start = self.x0 - z.x[0]
         data = np.concatenate([
@@ -322,21 +375,37 @@ class Problem:
         blocks.append(np.column_stack([lat_v, lat_delta, ones]))
         blocks.append(np.column_stack([ones, -ones]))
         blocks.append(np.column_stack([ones, ones]))
-        blocks += self._body_data(x)
+        blocks += self._body_data(x, self._at(z).body[2])
+        blocks.append(self._slant_data(x))
         blocks += self._goal_data(z.x[-1])
         return [block.ravel() for block in blocks]
 
-    def _body_data(self, x: Array) -> list[Array]:
-        mu = x[:, Stage.MU]
+    def _body_data(self, x: Array, turn: Array) -> list[Array]:
+        """Derivatives of the points' offsets by s, d and mu: the point's motion across the path.
+
+        At the point's projection the path has the heading psi - turn, so that a motion of the point
+        along the body's own direction e counts sin(turn), and one to its left cos(turn).
+        """
         frame = self.seed.road.frame
-        kappa, slope = frame.curvature(x[:, Stage.S]), frame.curvature_slope(x[:, Stage.S])
-        ones, blocks = np.ones(self.n), []
-        for point in BODY_POINTS:
-            by_s = -slope * (point * np.cos(mu)) ** 2 / 2
-            by_mu = point * np.cos(mu) + kappa * point**2 * np.cos(mu) * np.sin(mu)
+        kappa, mu = frame.curvature(x[:, Stage.S]), x[:, Stage.MU]
+        stretch = 1.0 - kappa * x[:, Stage.D]
+        blocks = []
+        for i, point in enumerate(BODY_POINTS):
+            across = np.cos(turn[:, i])
+            # the rear axle moves along the path's tangent (angle -mu to the body) and its normal
+            by_s = stretch * np.sin(turn[:, i] - mu) + point * kappa * across
+            by_d = np.cos(turn[:, i] - mu)
             for sign in (-1.0, 1.0):  # upper bound, lower bound
-                blocks.append(np.column_stack([by_s, ones, by_mu, sign * ones]))
+                sign_column = np.full(self.n, sign)
+                blocks.append(np.column_stack([by_s, by_d, point * across, sign_column]))
         return blocks
+
+    def _slant_data(self, x: Array) -> Array:
+        """Derivatives of the half-planes' values by s, d, mu, and the slack's entry."""
+        slant, mu = self.corridor.slant[1 : self.n + 1], x[:, Stage.MU]
+        arm = CAR.rear_to_centre
+        by_mu = arm * (slant[:, 1] * np.cos(mu) - slant[:, 0] * np.sin(mu))
+        return np.column_stack([slant[:, 0], slant[:, 1], by_mu, -np.ones(self.n)])
 
     def _goal_data(self, x: Array) -> list[Array]:
         arm = CAR.rear_to_centre * float(np.cos(x[Stage.MU]))
@@ -349,8 +418,8 @@ class Problem:
         n, points = self.n, len(BODY_POINTS)
         lon, lat, acceleration = slack[:n], slack[n : 2 * n], slack[2 * n : 3 * n]
         zero, goal = np.zeros(n), np.full(4, slack[-1])
-        high = [acceleration, acceleration, zero, lon, zero, *[lat, zero] * points]
-        low = [zero, zero, -acceleration, zero, -lon, *[zero, -lat] * points]
+        high = [acceleration, acceleration, zero, lon, zero, *[lat, zero] * points, lon]
+        low = [zero, zero, -acceleration, zero, -lon, *[zero, -lat] * points, zero]
         pairs = np.zeros((2, 8))
         pairs[0, 1::2], pairs[1, 0::2] = -goal, goal
         return np.concatenate([*low, pairs[0]]), np.concatenate([*high, pairs[1]])

@@ -30,12 +30,14 @@ class Refined:
         states: (k + 1, 6) Frenet states: the refined ones, then the seed's where it goes on.
         result: how the SQP went.
         tr1: the four TR1 terms of the refined part, before and after.
+        cost: the refined part's cost with penalties, plus the seed's where it goes on.
     """
 
     trajectory: Trajectory
     states: Array
     result: SqpResult
     tr1: tuple[float, float]
+    cost: float
 
     def as_dict(self) -> dict[str, Any]:
         """For the trace."""
@@ -44,12 +46,17 @@ class Refined:
 
 
 def refine(
-    seed: Seed, state: Array, acceleration: float, occupancy: Occupancy, config: Config, dt: float
-) -> Refined | None:
-    """Refines a seed from a rear-axle state; None where the seed is too short to refine."""
+    seed: Seed, state: Array, acceleration: float, occupancy: Occupancy, config: Config, dt: float,
+    fresh: bool,
+) -> Refined | None:  # fmt: skip
+    """Refines a seed from a rear-axle state; None where the seed is too short to refine.
+
+    Args:
+        fresh: whether the seed was never refined: then the problem may reach to its end.
+    """
     total = len(seed.states) - 1
-    horizon = config.refine.horizon
-    n = total if horizon == "goal" else min(total, round(float(horizon) / dt))
+    whole = config.refine.horizon == "goal" or (fresh and config.refine.fresh_to_goal)
+    n = total if whole else min(total, round(float(config.refine.horizon) / dt))
     if n < MIN_STEPS:
         return None
     pose = frenet_pose(seed.road, state)
@@ -61,7 +68,9 @@ def refine(
     tr1 = (problem.tr1(start), problem.tr1(result.z))
     trajectory = simulate(state, _inputs(result.z, float(state[State.V]), dt), dt, seed.first_step)
     states = np.vstack([result.z.x, seed.states[n + 1 :]])
-    return Refined(trajectory, states, result, tr1)
+    rest = max(seed.cost - tr1[0], 0.0) if n < total else 0.0
+    cost = result.cost_after + rest + (0.0 if seed.reaches_goal else config.seed.goal_missed)
+    return Refined(trajectory, states, result, tr1, cost)
 
 
 def _goal_at_end(seed: Seed) -> GoalWindow | None:

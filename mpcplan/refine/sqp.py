@@ -12,15 +12,16 @@ from typing import Any
 import numpy as np
 
 from mpcplan.config import RefineConfig
-from mpcplan.refine.problem import Iterate, Problem, Quadratic
+from mpcplan.refine.problem import STATE_SCALE, Iterate, Problem, Quadratic
 from mpcplan.refine.qp import OsqpSolver
 from mpcplan.seed.seed import Stage
 from mpcplan.trajectory import Array
 
-STEP_SCALE = np.array([1.0, 0.2, 0.05, 0.5, 0.05, 1.0])  # of s, d, mu, v, delta, a
+STEP_SCALE = np.array(STATE_SCALE)
 DEFECT_PENALTY = 200.0  # rho of the merit function, at least
 DEFECT_TOLERANCE = 1e-3
-ARMIJO = 1e-4
+ARMIJO = 1e-6
+STALLED = 0.1  # scaled step below which no descent means that the optimum is reached
 
 
 @dataclass(frozen=True)
@@ -71,15 +72,13 @@ class SqpResult:
 
 def solve(problem: Problem, config: RefineConfig) -> SqpResult:
     """Solves a problem from its seed."""
-    solver = OsqpSolver(config.qp_iterations, config.qp_tolerance)
+    solver = OsqpSolver(problem.scales(), config.qp_iterations, config.qp_tolerance)
     z = problem.initial()
     before = problem.objective(z) + problem.penalty(z)
-    status, qp_iterations, multipliers, iteration = "iteration limit", 0, None, 0
-    kkt = Kkt(*(4 * (float("inf"),)))
+    status, qp_iterations, iteration = "iteration limit", 0, 0
+    multipliers: Array | None = None
     for iteration in range(1, config.iterations + 1):
         model = problem.quadratic(z)
-        if multipliers is not None:
-            kkt = _residuals(problem, z, model, multipliers)
         answer = solver.solve(model.hessian, model.gradient, model.matrix, model.low, model.high)
         qp_iterations += answer.iterations
         if not answer.usable:
@@ -90,10 +89,12 @@ def solve(problem: Problem, config: RefineConfig) -> SqpResult:
         if moved is None:
             status = "no descent"
             break
-        z, step = moved
-        if step < config.tolerance and np.abs(problem.defects(z)).max() < DEFECT_TOLERANCE:
+        z, size, gain = moved
+        settled = size < config.tolerance or gain < config.gain * (1.0 + before)
+        if settled and np.abs(problem.defects(z)).max() < DEFECT_TOLERANCE:
             status = "converged"
             break
+    kkt = Kkt(*(4 * (float("inf"),)))
     if multipliers is not None:
         kkt = _residuals(problem, z, problem.quadratic(z), multipliers)
     after = problem.objective(z) + problem.penalty(z)
@@ -126,19 +127,19 @@ def _merit(problem: Problem, z: Iterate, rho: float) -> float:
 
 def _line_search(
     problem: Problem, z: Iterate, p: Array, y: Array, halvings: int
-) -> tuple[Iterate, float] | None:
-    """The first shortened step that lowers the merit function, with its scaled size."""
+) -> tuple[Iterate, float, float] | None:
+    """The first shortened step that lowers the merit function, its scaled size, and by how much."""
     dx, du = _split(problem, p)
     dynamics = slice(len(Stage), len(Stage) * (problem.n + 1))
     rho = max(DEFECT_PENALTY, 1.2 * float(np.abs(y[dynamics]).max()))
     before = _merit(problem, z, rho)
-    alpha = 1.0
+    alpha, whole = 1.0, float(np.abs(dx / STEP_SCALE).max())
     for _ in range(halvings + 1):
         trial = Iterate(z.x + alpha * dx, z.u + alpha * du)
-        size = alpha * float(np.abs(dx / STEP_SCALE).max())
-        if _merit(problem, trial, rho) <= before - ARMIJO * alpha * abs(before) * 1e-2:
-            return trial, size
+        gain = before - _merit(problem, trial, rho)
+        if gain >= ARMIJO * alpha * abs(before):
+            return trial, alpha * whole, gain
         alpha /= 2
-    if float(np.abs(dx / STEP_SCALE).max()) < 0.05:
-        return z, 0.0  # the model finds nothing better nearby: this is the optimum
+    if whole < STALLED:
+        return z, 0.0, 0.0  # the model finds nothing better nearby: this is the optimum
     return None

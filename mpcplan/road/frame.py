@@ -17,7 +17,8 @@ from scipy.spatial import cKDTree
 
 from mpcplan.trajectory import Array
 
-NEWTON_ITERATIONS = 4
+NEWTON_ITERATIONS = 6
+NEWTON_TOLERANCE = 1e-7  # m
 FOLLOW_REACH = 12.0  # m, a body's points lie within this of its centre along the path
 MIN_STRETCH = 0.1  # smallest 1 - kappa d of the domain
 
@@ -39,8 +40,23 @@ class Frame:
         return CubicSpline(self.s, self.points, bc_type="natural")
 
     @cached_property
-    def _derivatives(self) -> tuple[CubicSpline, CubicSpline]:
-        return self._curve.derivative(1), self._curve.derivative(2)
+    def _coefficients(self) -> Array:
+        """(n - 1, 4, 2) coefficients of the pieces, lowest power first."""
+        return np.ascontiguousarray(self._curve.c[::-1].transpose(1, 0, 2))
+
+    def _evaluate(self, s: Array) -> tuple[Array, Array, Array]:
+        """p, p', p'' at arc lengths (m,) inside the ends.
+
+        Direct evaluation: the samples are evenly spaced, so that no search is needed; this is the
+        inner loop of projection and refinement.
+        """
+        piece = (s * (1.0 / self.spacing)).astype(np.int64)
+        piece = np.minimum(piece, len(self.s) - 2)
+        u = (s - piece * self.spacing)[:, None]
+        c = self._coefficients[piece]
+        c1, c2, c3 = c[:, 1], c[:, 2], c[:, 3]
+        point = c[:, 0] + u * (c1 + u * (c2 + u * c3))
+        return point, c1 + u * (2 * c2 + 3 * u * c3), 2 * c2 + 6 * u * c3
 
     @cached_property
     def _tree(self) -> cKDTree:
@@ -49,13 +65,13 @@ class Frame:
     @cached_property
     def theta(self) -> Array:
         """(n,) unwrapped headings [rad] at ``s``."""
-        tangent = self._derivatives[0](self.s)
+        tangent = self._evaluate(self.s)[1]
         return np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
 
     @cached_property
     def kappa(self) -> Array:
         """(n,) curvatures [1/m] at ``s``."""
-        t, n = self._derivatives[0](self.s), self._derivatives[1](self.s)
+        _, t, n = self._evaluate(self.s)
         return (t[:, 0] * n[:, 1] - t[:, 1] * n[:, 0]) / np.hypot(t[:, 0], t[:, 1]) ** 3
 
     @cached_property
@@ -94,15 +110,13 @@ class Frame:
     def to_cartesian(self, s: Array, d: Array) -> Array:
         """(..., 2) points [m] at Frenet coordinates; s is extended linearly beyond the ends."""
         s, d = np.broadcast_arrays(np.asarray(s, float), np.asarray(d, float))
+        shape, s, d = s.shape, s.ravel(), d.ravel()
         inside = np.clip(s, 0.0, self.length)
-        tangent = self._tangent(inside)
-        normal = np.stack([-tangent[..., 1], tangent[..., 0]], axis=-1)
-        return self._curve(inside) + (s - inside)[..., None] * tangent + d[..., None] * normal
-
-    def _tangent(self, s: Array) -> Array:
-        """(..., 2) unit tangents at arc lengths inside the ends."""
-        tangent = self._derivatives[0](s)
-        return tangent / np.hypot(tangent[..., 0], tangent[..., 1])[..., None]
+        point, tangent, _ = self._evaluate(inside)
+        tangent = tangent / np.hypot(tangent[:, 0], tangent[:, 1])[:, None]
+        normal = np.column_stack([-tangent[:, 1], tangent[:, 0]])
+        point = point + (s - inside)[:, None] * tangent + d[:, None] * normal
+        return point.reshape(*shape, 2)
 
     def to_frenet(self, points: Array, near: Array | None = None) -> tuple[Array, Array]:
         """Frenet coordinates (s, d) [m] of (..., 2) points: their nearest point on the path.
@@ -125,9 +139,14 @@ class Frame:
             s = np.asarray(near, float).reshape(-1)
             low, high = s - FOLLOW_REACH, s + FOLLOW_REACH
         for _ in range(NEWTON_ITERATIONS):
-            s = np.clip(s - self._newton_step(flat, s), low, high)
+            move = self._newton_step(flat, s)
+            s = np.minimum(np.maximum(s - move, low), high)
+            if np.abs(move).max(initial=0.0) < NEWTON_TOLERANCE:
+                break
         inside = np.clip(s, 0.0, self.length)
-        tangent, offset = self._tangent(inside), flat - self._curve(inside)
+        point, tangent, _ = self._evaluate(inside)
+        tangent = tangent / np.hypot(tangent[:, 0], tangent[:, 1])[:, None]
+        offset = flat - point
         along = (offset * tangent).sum(-1)
         d = tangent[:, 0] * offset[:, 1] - tangent[:, 1] * offset[:, 0]
         beyond = (s <= 0.0) | (s >= self.length)
@@ -136,8 +155,7 @@ class Frame:
 
     def _newton_step(self, points: Array, s: Array) -> Array:
         """Newton step of (p(s) - q) . p'(s) = 0 on the path, inside its ends."""
-        inside = np.clip(s, 0.0, self.length)
-        gap = self._curve(inside) - points
-        tangent, second = self._derivatives[0](inside), self._derivatives[1](inside)
-        slope = (tangent**2).sum(-1) + (gap * second).sum(-1)
+        point, tangent, second = self._evaluate(np.clip(s, 0.0, self.length))
+        gap = point - points
+        slope = (tangent * tangent + gap * second).sum(-1)
         return (gap * tangent).sum(-1) / np.maximum(slope, MIN_STRETCH)

@@ -12,6 +12,9 @@ import shapely
 from commonroad.scenario.lanelet import Lanelet, LaneletNetwork, LaneletType
 from commonroad.scenario.scenario import Scenario
 from commonroad.scenario.traffic_sign_interpreter import TrafficSignInterpreter
+from commonroad_dc.boundary import construction
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from mpcplan.config import RoadConfig
 from mpcplan.road.frame import Frame
@@ -23,6 +26,8 @@ NOT_FOR_CARS = {
     LaneletType.CROSSWALK,
     LaneletType.BUS_STOP,
 }
+HOLE = 1.5  # m^2, smaller holes between lanelets are closed
+INTRUSION = 1e-6  # m^2, overlap of a boundary triangle with the road that counts
 SEAM = 0.02  # m, gaps between lanelets up to twice this wide count as road
 EDGE_REACH = 12.0  # m, the area is searched this far to either side
 LANE_REACH = 6.0  # m, a neighbouring lane's centre lies within this of the reference
@@ -50,13 +55,41 @@ class Limits:
     end: float
 
 
-def drivable_area(network: LaneletNetwork) -> shapely.Geometry:
-    """Union of the lanelets that cars may use, tiny seams closed, prepared for queries."""
+def drivable_area(scenario: Scenario) -> shapely.Geometry:
+    """The area that a body must not leave, prepared for queries.
+
+    The union of the lanelets that cars may use, with seams and small holes between lanelets closed,
+    less what the official checker's triangulated road boundary takes of it.
+    """
+    network = scenario.lanelet_network
     cars = [lane for lane in network.lanelets if not lane.lanelet_type & NOT_FOR_CARS]
     shapes = shapely.buffer([lane.polygon.shapely_object for lane in cars], SEAM)
-    area = shapely.buffer(shapely.union_all(shapes), -SEAM)
+    area = _without_small_holes(shapely.buffer(shapely.union_all(shapes), -SEAM))
+    boundary = official_boundary(scenario)
+    inside = shapely.area(shapely.intersection(boundary, area)) > INTRUSION
+    area = shapely.difference(area, shapely.union_all(boundary[inside]))
     shapely.prepare(area)
     return area
+
+
+def _without_small_holes(area: shapely.Geometry) -> shapely.Geometry:
+    """The area with holes below HOLE closed: gaps of the map, not islands."""
+    parts = []
+    for part in shapely.get_parts(area):
+        shell, *holes = shapely.get_rings(part)
+        kept = [hole for hole in holes if shapely.area(shapely.polygons(hole)) > HOLE]
+        parts.append(shapely.polygons(shell, holes=kept or None))
+    return shapely.union_all(parts)
+
+
+def official_boundary(scenario: Scenario) -> NDArray[np.object_]:
+    """Triangles of the official checker's road boundary; none where it cannot be built."""
+    try:
+        built = construction.construct(scenario, ["section_triangles", "triangulation"])
+        triangles = [np.array(t.vertices()) for t in built["triangulation"].unpack()]
+    except Exception:  # the construction raises bare exceptions; the union alone then holds
+        triangles = []
+    return shapely.polygons(np.array(triangles).reshape(-1, 3, 2))
 
 
 def build_limits(
@@ -89,7 +122,8 @@ def _edges(area: shapely.Geometry, frame: Frame, margin: float) -> tuple[Array, 
         a, b = sorted(low[i] + shapely.distance(ends_of_part, start[i]))
         if a <= 0.0 <= b:
             right[i], left[i] = min(a + margin, 0.0), max(b - margin, 0.0)
-    return left, right
+    # a corner between two samples of the path must be seen by one of them
+    return minimum_filter1d(left, 3), maximum_filter1d(right, 3)
 
 
 def _lanelets_on_path(network: LaneletNetwork, frame: Frame) -> list[Lanelet | None]:

@@ -54,7 +54,7 @@ def build_roads(
         RoadError: where there is none (with the reason of each route).
     """
     network = scenario.lanelet_network
-    area = drivable_area(network)
+    area = drivable_area(scenario)
     start = np.asarray(problem.initial_state.position, float)
     last_step = _last_step(problem)
     duration = (last_step - problem.initial_state.time_step) * scenario.dt

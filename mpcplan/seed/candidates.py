@@ -1,39 +1,67 @@
 """All seeds of one road: the lattice's best, and where asked for those of the speed search."""
 
+from enum import Enum
+
 import numpy as np
 
-from mpcplan.config import Config
+from mpcplan.config import Config, SeedConfig
 from mpcplan.predict.occupancy import Occupancy
 from mpcplan.road.road import Road
+from mpcplan.seed.blocked import Blocked, block
 from mpcplan.seed.lattice import Lattice, lattice
 from mpcplan.seed.search import as_seed, search
 from mpcplan.seed.seed import Seed, SeedReport
 from mpcplan.trajectory import Array
 
 SEARCHED_PATHS = 3
+ROUNDING = 0.05  # m, on top of verification's margin: the search looks at samples of the path
+
+
+class Effort(Enum):
+    """When the speed search runs beside the lattice."""
+
+    NEVER = "never"
+    IF_NEEDED = "if needed"  # where no candidate of the lattice reaches the goal
+    ALWAYS = "always"
 
 
 def find_seeds(
     road: Road, state: Array, acceleration: float, step: int, occupancy: Occupancy,
-    config: Config, dt: float, thorough: bool,
+    config: Config, dt: float, effort: Effort,
 ) -> tuple[list[Seed], list[SeedReport]]:  # fmt: skip
     """Seeds along one road, the cheapest first, with the reports of their sources.
 
     Args:
-        thorough: run the speed search even where the lattice reaches the goal.
+        effort: when the speed search runs beside the lattice.
     """
     grid = lattice(road, state, acceleration, step, occupancy, config, dt)
     seeds, reports = list(grid.seeds), [grid.report]
     reached = any(seed.reaches_goal for seed in seeds)
-    if config.seed.search and (thorough or not reached):
-        found, report = _searched(road, grid, step, config, dt)
+    asked = effort is Effort.ALWAYS or (effort is Effort.IF_NEEDED and not reached)
+    if config.seed.search and asked:
+        found, report = _searched(road, grid, grid.blocked, "search", step, config, dt)
         seeds, reports = seeds + found, [*reports, report]
+        if not any(seed.reaches_goal for seed in seeds):
+            near = block(grid.window, grid.paths, _tight(config), config.cost)
+            found, report = _searched(road, grid, near, "tight search", step, config, dt)
+            seeds, reports = seeds + found, [*reports, report]
     seeds.sort(key=lambda seed: (not seed.reaches_goal, seed.cost))
     return seeds, reports
 
 
+def _tight(config: Config) -> SeedConfig:
+    """The seeds' margins reduced to what verification asks for."""
+    margin = config.verify.margin + ROUNDING
+    return config.seed.model_copy(
+        update={
+            "margin_lon": min(margin, config.seed.margin_lon),
+            "margin_lat": min(margin, config.seed.margin_lat),
+        }
+    )
+
+
 def _searched(
-    road: Road, grid: Lattice, step: int, config: Config, dt: float
+    road: Road, grid: Lattice, blocked: Blocked, source: str, step: int, config: Config, dt: float
 ) -> tuple[list[Seed], SeedReport]:
     """Seeds of the speed search along a few paths with distinct targets."""
     _, first = np.unique(np.round(grid.paths.target, 1), return_index=True)
@@ -41,8 +69,8 @@ def _searched(
     seeds = []
     for path in wanted:
         v, a = grid.motion.v, grid.motion.a
-        found = search(road, grid.paths, grid.blocked, path, v, a, step, config, dt)
+        found = search(road, grid.paths, blocked, path, v, a, step, config, dt)
         if found is not None:
-            seeds.append(as_seed(road, grid.paths, path, a, found, step, dt))
+            seeds.append(as_seed(road, grid.paths, path, a, found, source, step, dt))
     reaching = sum(seed.reaches_goal for seed in seeds)
-    return seeds, SeedReport("search", len(wanted), len(seeds), reaching)
+    return seeds, SeedReport(source, len(wanted), len(seeds), reaching)

@@ -28,6 +28,7 @@ from mpcplan.vehicle import acceleration_limit
 TOLERANCE = 1e-6
 STEERING_SHARE = 0.95  # of the steering rate that seeds may use
 ACCELERATION_SHARE = 0.97  # of the acceleration that seeds may use
+DENSE_STEPS = 50  # horizons up to this many steps are looked at at every step
 DISTINCT = 4.0  # m, finalists differ by this much somewhere
 SPEEDING = 2.0  # 1/(m^2/s^3), weight of the squared excess over the speed limit
 LEADER_TIMES = (2.0, 4.0)  # s, at which leaders are followed
@@ -35,8 +36,16 @@ LEADER_TIMES = (2.0, 4.0)  # s, at which leaders are followed
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """All candidates' values over (path, profile, time step)."""
+    """When candidates (path p, profile i) are looked at, and how far they go.
 
+    Attributes:
+        ks: (m,) time steps from now; dt: (m,) time since the one before [s].
+        index: (i, m) samples of the path; k_end: (p, i) last index into ks; reached: (p, i) whether
+            a goal is met there; alive: (p, i, m) whether a time step counts.
+    """
+
+    ks: Array
+    dt: Array
     index: Array
     k_end: Array
     reached: Array
@@ -50,6 +59,7 @@ class Lattice:
     seeds: list[Seed]
     report: SeedReport
     paths: Paths
+    window: Occupancy
     blocked: Blocked
     pose: FrenetPose
     motion: Motion
@@ -76,19 +86,22 @@ def lattice(
     motion = Motion(max(float(state[State.V]), 0.0), acceleration)
     window = occupancy.window(step, count + 1)
     reach = _reach(road, pose, motion, t[-1])
-    paths = sample_paths(road, pose, reach, config.seed)
+    paths = sample_paths(road, pose, reach, window, config.seed)
     profiles = _profiles(road, pose, motion, paths, window, t, step, config)
+    broken = _profile_violations(profiles)
+    fit = np.flatnonzero(np.all([v <= TOLERANCE for v, _ in broken.values()], axis=0))
+    profiles = Profiles(profiles.sigma[fit], profiles.v[fit], profiles.a[fit])
     blocked = block(window, paths, config.seed, config.cost)
-    table = _table(road, paths, profiles, step)
-    violations = _violations(paths, profiles, blocked, table, dt, config)
+    table = _table(road, paths, profiles, step, dt)
+    violations = _violations(paths, profiles, blocked, table, config)
     cost = _cost(road, paths, profiles, blocked, table, dt, config)
     slack = _slacks(config)
     accepted = np.all([v <= slack.get(n, 0.0) + TOLERANCE for n, (v, _) in violations.items()], axis=0)
     for name in slack:
         cost = cost + config.seed.slack_cost * np.maximum(violations[name][0], 0.0)
-    report = _report(violations, accepted, table, blocked, window, step)
+    report = _report(broken, violations, accepted, table, blocked, window, step)
     seeds = _finalists(road, paths, profiles, table, cost, accepted, step, config)
-    return Lattice(seeds, report, paths, blocked, pose, motion)
+    return Lattice(seeds, report, paths, window, blocked, pose, motion)
 
 
 def _slacks(config: Config) -> dict[str, float]:
@@ -145,57 +158,72 @@ def _leaders(window: Occupancy, paths: Paths, t: Array) -> Array:
     return np.array(rows).reshape(-1, 3)
 
 
-def _table(road: Road, paths: Paths, profiles: Profiles, step: int) -> Table:
+def _table(road: Road, paths: Paths, profiles: Profiles, step: int, dt: float) -> Table:
     """Indices into the path tables, and when each candidate first meets a goal."""
-    n = paths.s.shape[1]
-    index = np.clip(np.rint(profiles.sigma / paths.spacing).astype(np.int32), 0, n - 1)
+    n, last = paths.s.shape[1], profiles.sigma.shape[1] - 1
+    ks = _looked_at(road, last, step)
+    index = np.clip(np.rint(profiles.sigma[:, ks] / paths.spacing).astype(np.int32), 0, n - 1)
     reached = np.zeros((len(paths.s), *index.shape), bool)
-    k = np.arange(index.shape[1]) + step
     for goal in road.goals:
-        in_time = (k >= goal.first) & (k <= goal.last) & speed_fits(goal, profiles.v)
+        in_time = (ks + step >= goal.first) & (ks + step <= goal.last)
+        in_time = in_time & speed_fits(goal, profiles.v[:, ks])
         reached |= in_time[None] & pose_fits(goal, road, paths)[:, index]
     hit = reached.any(axis=2)
-    last = index.shape[1] - 1
-    k_end = np.where(hit, reached.argmax(axis=2), last)
-    alive = np.arange(last + 1) <= k_end[:, :, None]
-    return Table(index, k_end, hit, alive)
+    k_end = np.where(hit, reached.argmax(axis=2), len(ks) - 1)
+    alive = np.arange(len(ks)) <= k_end[:, :, None]
+    return Table(ks, np.diff(ks, prepend=0) * dt, index, k_end, hit, alive)
+
+
+def _looked_at(road: Road, last: int, step: int) -> Array:
+    """Time steps at which candidates are looked at: all of a short horizon, every other of a long
+    one (a body is longer than the way between two of them), and all in the goal windows."""
+    if last <= DENSE_STEPS:
+        return np.arange(last + 1)
+    wanted = {0, last, *range(last, 0, -2)}
+    for goal in road.goals:
+        if goal.last - goal.first <= 2 * DENSE_STEPS:
+            wanted |= {k - step for k in (goal.first, goal.last) if 0 < k - step <= last}
+    return np.array(sorted(wanted))
+
+
+def _profile_violations(profiles: Profiles) -> dict[str, tuple[Array, str]]:
+    """(i,) violations that do not depend on the path."""
+    top = ACCELERATION_SHARE * acceleration_limit(profiles.v)
+    return {
+        "reversing": ((-profiles.v).max(axis=1) - 0.01, "m/s"),
+        "acceleration": ((profiles.a - top).max(axis=1), "m/s^2"),
+        "braking": ((-profiles.a).max(axis=1) - ACCELERATION_SHARE * CAR.a_max, "m/s^2"),
+    }
 
 
 def _violations(
-    paths: Paths, profiles: Profiles, blocked: Blocked, table: Table, dt: float, config: Config
+    paths: Paths, profiles: Profiles, blocked: Blocked, table: Table, config: Config
 ) -> dict[str, tuple[Array, str]]:
     """(p, i) violation of every constraint (at most 0: kept) with its unit."""
-    v, a, index, alive = profiles.v, profiles.a, table.index, table.alive
-    shape = table.k_end.shape
+    v, a, index, alive = profiles.v[:, table.ks], profiles.a[:, table.ks], table.index, table.alive
     end = np.take_along_axis(np.broadcast_to(index, alive.shape), table.k_end[..., None], 2)[..., 0]
-    last_path = np.arange(len(paths.s))[:, None]
-    a_max = ACCELERATION_SHARE * acceleration_limit(v)
+    path = np.arange(len(paths.s))[:, None]
     lateral = v**2 * np.abs(paths.kappa)[:, index]
     steering = np.abs(paths.delta_slope)[:, index] * v
     delta_worst = np.maximum.accumulate(np.abs(paths.delta), axis=1)
 
     def over_time(values: Array) -> Array:
-        return np.where(alive, values, -np.inf).max(axis=2)
+        return np.where(alive, values, -np.inf).max(axis=2, initial=-np.inf)
 
-    hit = np.take_along_axis(blocked.owner, np.broadcast_to(
-        index.T[None], (len(paths.s), *index.T.shape)), 2)  # (p, k, i)
-    hit = (hit >= 0).transpose(0, 2, 1) & alive
+    hit = (blocked.owner[path[..., None], table.ks, index] >= 0) & alive
     return {
-        "reversing": (np.broadcast_to((-v).max(axis=1) - 0.01, shape), "m/s"),
-        "acceleration": (over_time(np.broadcast_to(a - a_max, alive.shape)), "m/s^2"),
-        "braking": (over_time(np.broadcast_to(-a - CAR.a_max, alive.shape)), "m/s^2"),
         "friction circle": (over_time(np.hypot(a, lateral) - CAR.a_max), "m/s^2"),
         "lateral acceleration": (over_time(lateral - _lateral_limit(paths, v, config)), "m/s^2"),
         "steering rate": (over_time(steering - STEERING_SHARE * CAR.v_delta_max), "rad/s"),
-        "steering angle": (delta_worst[last_path, end] - CAR.delta_max, "rad"),
-        "road": (_new_excess(paths)[last_path, end], "m"),
-        "collision": (hit[..., 1:].sum(axis=2) * dt, "s"),
-    }  # fmt: skip
+        "steering angle": (delta_worst[path, end] - CAR.delta_max, "rad"),
+        "road": (_new_excess(paths)[path, end], "m"),
+        "collision": (hit[..., 1:] @ table.dt[1:], "s"),
+    }
 
 
 def _lateral_limit(paths: Paths, v: Array, config: Config) -> float:
     """The configured lateral acceleration, or what the present state has where that is more."""
-    present = float(v[0, 0] ** 2 * np.abs(paths.kappa[:, 0]).max())
+    present = float(v[:1, 0].max(initial=0.0) ** 2 * np.abs(paths.kappa[:, 0]).max())
     return max(config.road.lateral_acceleration, min(present, 0.95 * CAR.a_max))
 
 
@@ -209,19 +237,20 @@ def _cost(
     config: Config,
 ) -> Array:  # fmt: skip
     """(p, i) estimate of TR1 with the penalties for a missed goal and for speeding."""
-    cost, index = config.cost, table.index
+    cost, index, path = config.cost, table.index, np.arange(len(paths.s))[:, None, None]
+    v = profiles.v[:, table.ks]
     jerk = np.diff(profiles.a, axis=1, prepend=profiles.a[:, :1]) / dt
-    steering = (paths.delta_slope**2)[:, index] * profiles.v**2
-    lead = np.take_along_axis(
-        blocked.lead, np.broadcast_to(index.T[None], (len(paths.s), *index.T.shape)), 2
-    ).transpose(0, 2, 1)
+    jerked = cost.jerk * dt * np.cumsum(jerk**2, axis=1)[:, table.ks]
+    lead = blocked.lead[path, table.ks, index]
     closeness = np.exp(-cost.distance_decay * (lead - cost.distance_offset))
     centre = paths.d + CAR.rear_to_centre * np.sin(paths.mu)
     limit = np.interp(paths.s, road.frame.s, road.limits.speed)[:, index]
-    speeding = np.maximum(profiles.v - np.maximum(limit, 0.1), 0.0) ** 2
-    rate = cost.jerk * jerk**2 + cost.steering_rate * steering + cost.distance * closeness
-    rate = rate + cost.lane * (centre**2)[:, index] + SPEEDING * speeding
-    total = dt * np.where(table.alive, rate, 0.0).sum(axis=2)
+    speeding = np.maximum(v - np.maximum(limit, 0.1), 0.0) ** 2
+    rate = cost.steering_rate * (paths.delta_slope**2)[:, index] * v**2
+    rate = rate + cost.distance * closeness + SPEEDING * speeding
+    rate = rate + cost.lane * (centre**2)[:, index]
+    total = np.where(table.alive, rate, 0.0) @ table.dt
+    total = total + jerked[np.arange(len(v)), table.k_end]
     return total + np.where(table.reached, 0.0, _missed(road, paths, profiles, table, config))
 
 
@@ -234,22 +263,25 @@ def _missed(road: Road, paths: Paths, profiles: Profiles, table: Table, config: 
 
 
 def _report(
-    violations: dict[str, tuple[Array, str]], accepted: Array, table: Table, blocked: Blocked,
-    window: Occupancy, step: int,
+    broken: dict[str, tuple[Array, str]], violations: dict[str, tuple[Array, str]], accepted: Array,
+    table: Table, blocked: Blocked, window: Occupancy, step: int,
 ) -> SeedReport:  # fmt: skip
     """Counts per constraint (a candidate counts at each that it breaks)."""
-    rejected = {}
-    for name, (violation, unit) in violations.items():
+    paths, rejected = len(accepted), {}
+    for name, (violation, unit) in [*broken.items(), *violations.items()]:
         bad = violation > TOLERANCE
-        if bad.any():
-            smallest = float(violation[bad].min())
-            obstacle = at = None
-            if name == "collision":
-                where = np.unravel_index(np.argmin(np.where(bad, violation, np.inf)), bad.shape)
-                obstacle, at = _first_hit(where, table, blocked, window, step)
-            rejected[name] = Rejection(int(bad.sum()), round(smallest, 4), unit, obstacle, at)
+        if not bad.any():
+            continue
+        count = int(bad.sum()) * (paths if name in broken else 1)
+        obstacle = at = None
+        if name == "collision":
+            where = np.unravel_index(np.argmin(np.where(bad, violation, np.inf)), bad.shape)
+            obstacle, at = _first_hit(where, table, blocked, window, step)
+        smallest = round(float(violation[bad].min()), 4)
+        rejected[name] = Rejection(count, smallest, unit, obstacle, at)
+    candidates = paths * len(next(iter(broken.values()))[0])
     passing = int((accepted & table.reached).sum())
-    return SeedReport("lattice", accepted.size, int(accepted.sum()), passing, rejected)
+    return SeedReport("lattice", candidates, int(accepted.sum()), passing, rejected)
 
 
 def _first_hit(
@@ -257,10 +289,11 @@ def _first_hit(
 ) -> tuple[int | None, int | None]:
     """Obstacle and time step of a candidate's first collision."""
     p, i = (int(value) for value in where)
-    k = np.arange(table.index.shape[1])
-    owner = np.where(table.alive[p, i], blocked.owner[p, k, table.index[i]], -1)
+    owner = np.where(table.alive[p, i], blocked.owner[p, table.ks, table.index[i]], -1)
     hits = np.flatnonzero(owner[1:] >= 0) + 1
-    return (window.ids[owner[hits[0]]], int(step + hits[0])) if len(hits) else (None, None)
+    if not len(hits):
+        return None, None
+    return window.ids[owner[hits[0]]], int(step + table.ks[hits[0]])
 
 
 def _finalists(
@@ -291,7 +324,7 @@ def _seed(
     step: int,
 ) -> Seed:  # fmt: skip
     """Candidate (p, i) as a Frenet trajectory up to its goal or the last time step."""
-    end = int(table.k_end[p, i])
+    end = int(table.ks[table.k_end[p, i]])
     sigma = profiles.sigma[i, : end + 1]
     grid = paths.spacing * np.arange(paths.s.shape[1])
     columns = [np.interp(sigma, grid, values[p]) for values in (paths.s, paths.d, paths.mu)]

@@ -17,13 +17,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from mpcplan.config import SeedConfig
+from mpcplan.predict.occupancy import Occupancy
 from mpcplan.road.road import Road
 from mpcplan.seed.polynomials import evaluate, quintic
 from mpcplan.trajectory import Array
 from mpcplan.vehicle import FORD_ESCORT as CAR
 
 MIN_STRETCH = 0.2  # smallest 1 - kappa_r d of a path
-BODY_POINTS = (-CAR.rear, CAR.rear_to_centre, CAR.front)  # m ahead of the rear axle
+PASSING_SPEED = 8.0  # m/s, at which slow obstacles are passed when their way is foreseen
+BODY_POINTS = tuple(float(x) for x in np.linspace(-CAR.rear, CAR.front, 4))  # m ahead of the axle
 
 
 @dataclass(frozen=True)
@@ -67,17 +69,37 @@ def frenet_pose(road: Road, state: Array) -> FrenetPose:
     return FrenetPose(s, d, mu, delta)
 
 
-def sample_paths(road: Road, pose: FrenetPose, reach: float, config: SeedConfig) -> Paths:
-    """All candidate paths from a pose over ``reach`` metres."""
-    target, length = _targets(road, pose, config)
+@dataclass(frozen=True, eq=False)
+class _Moves:
+    """Lateral moves, all (p,): to ``first`` over ``length``, and back to ``second`` from ``back``
+    on over ``back_length`` (back = inf: never)."""
+
+    first: Array
+    length: Array
+    second: Array
+    back: Array
+    back_length: Array
+
+
+def sample_paths(
+    road: Road, pose: FrenetPose, reach: float, window: Occupancy, config: SeedConfig
+) -> Paths:
+    """All candidate paths from a pose over ``reach`` metres.
+
+    ``window`` are the obstacles from now on: paths around slow ones lead out and back.
+    """
+    moves = _moves(road, pose, window, config)
     spacing = road.frame.spacing
     ds = np.arange(0.0, reach + spacing, spacing)
-    d, d1, d2 = _offsets(road, pose, target, length, ds)
+    d, d1, d2 = _offsets(road, pose, moves, ds)
+    target = np.where(np.isfinite(moves.back), moves.second, moves.first)
     return _geometry(road, pose, ds, d, d1, d2, target)
 
 
-def _targets(road: Road, pose: FrenetPose, config: SeedConfig) -> tuple[Array, Array]:
-    """End offsets and lengths of the lateral moves, the plain lane keeping first."""
+def _moves(
+    road: Road, pose: FrenetPose, window: Occupancy, config: SeedConfig
+) -> _Moves:
+    """All lateral moves, the plain lane keeping first."""
     pairs = [(offset, length) for length in config.lengths for offset in config.offsets]
     pairs.sort(key=lambda pair: (abs(pair[0]), pair[1]))
     limits, s = road.limits, road.frame.s
@@ -90,12 +112,39 @@ def _targets(road: Road, pose: FrenetPose, config: SeedConfig) -> tuple[Array, A
         if goal.d is not None and not goal.d[0] <= 0.0 <= goal.d[1]:
             middle = (goal.d[0] + goal.d[1]) / 2
             pairs += [(middle, length) for length in config.lengths]
-    target, length = np.array(pairs).T
-    return target, length
+    rows = [(offset, length, 0.0, np.inf, 1.0) for offset, length in pairs]
+    rows += _around(road, pose, window, config)
+    return _Moves(*np.array(rows).T)
+
+
+def _around(
+    road: Road, pose: FrenetPose, window: Occupancy, config: SeedConfig
+) -> list[tuple[float, float, float, float, float]]:
+    """Moves out and back around the nearest standing or slow obstacles on the path."""
+    rows: list[tuple[float, float, float, float, float]] = []
+    half = CAR.width / 2 + config.pass_gap
+    present = np.isfinite(window.s[:, 0]) & (window.s_low[:, 0] > pose.s + CAR.front)
+    on_path = (window.d_low[:, 0] < half) & (window.d_high[:, 0] > -half)
+    slow = np.abs(window.v[:, 0]) < config.pass_speed
+    found = np.flatnonzero(present & on_path & slow)
+    for row in found[np.argsort(window.s[found, 0])][: config.passed]:
+        ahead = float(window.s_low[row, 0] - pose.s - CAR.front)
+        v = max(float(window.v[row, 0]), 0.0)
+        out = float(np.clip(ahead + v * ahead / PASSING_SPEED - 2.0, 8.0, config.lengths[-1]))
+        extent = float(window.s_high[row, 0] - window.s_low[row, 0])
+        beside = extent + CAR.length + 4.0
+        back = ahead + beside + v * (ahead + beside) / PASSING_SPEED
+        sides = (window.d_high[row, 0] + half, window.d_low[row, 0] - half)
+        lane = road.limits.lane_left, road.limits.lane_right
+        at = int(np.clip(np.searchsorted(road.frame.s, pose.s + ahead), 0, len(road.frame.s) - 1))
+        for offset in (*sides, lane[0][at], lane[1][at]):
+            if np.isfinite(offset):
+                rows.append((float(offset), out, 0.0, max(back, out), config.lengths[0] + 5.0))
+    return rows
 
 
 def _offsets(
-    road: Road, pose: FrenetPose, target: Array, length: Array, ds: Array
+    road: Road, pose: FrenetPose, moves: _Moves, ds: Array
 ) -> tuple[Array, Array, Array]:
     """d, d', d'' over ds, each (p, n)."""
     kappa = float(road.frame.curvature(np.array(pose.s)))
@@ -106,12 +155,16 @@ def _offsets(
     own = np.tan(pose.delta) / CAR.wheelbase
     d2 = -(slope * pose.d + kappa * d1) * np.tan(mu)
     d2 += stretch / np.cos(mu) ** 2 * (own * stretch / np.cos(mu) - kappa)
-    zero = np.zeros_like(target)
-    c = quintic(zero + pose.d, zero + d1, zero + d2, target, zero, zero, length)
-    moved = np.minimum(ds, length[:, None])
-    d, first, second = evaluate(c, moved)
-    there = ds >= length[:, None]
-    return d, np.where(there, 0.0, first), np.where(there, 0.0, second)
+    zero = np.zeros_like(moves.first)
+    out = quintic(zero + pose.d, zero + d1, zero + d2, moves.first, zero, zero, moves.length)
+    back = quintic(moves.first, zero, zero, moves.second, zero, zero, moves.back_length)
+    length, begin = moves.length[:, None], moves.back[:, None]
+    early = evaluate(out, np.minimum(ds, length))
+    since = np.clip(np.where(np.isfinite(begin), ds - begin, 0.0), 0.0, moves.back_length[:, None])
+    late = evaluate(back, since)
+    d, first, second = (np.where(ds < begin, e, w) for e, w in zip(early, late, strict=True))
+    still = ((ds >= length) & (ds < begin)) | (ds >= begin + moves.back_length[:, None])
+    return d, np.where(still, 0.0, first), np.where(still, 0.0, second)
 
 
 def _geometry(

@@ -208,7 +208,7 @@ def _play_back(
 
 def as_seed(
     road: Road, paths: Paths, path: int, a0: float, found: tuple[Array, Array, float, bool],
-    step: int, dt: float,
+    source: str, step: int, dt: float,
 ) -> Seed:  # fmt: skip
     """A found speed profile as a Frenet trajectory."""
     a, v, cost, reaches = found
@@ -219,4 +219,4 @@ def as_seed(
     delta = np.interp(sigma, grid, paths.delta[path])
     states = np.column_stack([*columns, v, delta, np.concatenate([[a0], a])])
     label = f"to d = {paths.target[path]:.2f} m, {v[-1]:.1f} m/s at the end"
-    return Seed(road, step, states, cost, reaches, "search", label)
+    return Seed(road, step, states, cost, reaches, source, label)

@@ -1,6 +1,6 @@
 """What the seed stage hands on: candidate trajectories in the Frenet frame and why others fell."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import Any
 
@@ -40,6 +40,11 @@ class Seed:
     reaches_goal: bool
     source: str
     label: str
+
+
+def after(seed: Seed, steps: int) -> Seed:
+    """The part of a seed after its first ``steps`` steps."""
+    return replace(seed, first_step=seed.first_step + steps, states=seed.states[steps:])
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from mpcplan.show.strips import STRIPS, draw_strips
 from mpcplan.show.traffic import traffic_of
 
 if TYPE_CHECKING:
-    from mpcplan.simulate.loop import Run
+    from mpcplan.simulate.run import Run
 
 _DPI = 110
 _WIDE = (13.0, 9.5)  # inches, the road above 2 x 3 strips

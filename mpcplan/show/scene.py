@@ -22,7 +22,7 @@ from mpcplan.vehicle import centres, rectangles
 
 if TYPE_CHECKING:
     from mpcplan.scenario import Problem
-    from mpcplan.simulate.loop import Drive, Run
+    from mpcplan.simulate.run import Drive, Run
 
 MARGIN = 20.0  # m, shown around what was driven
 _EGO_EVERY = 0.5  # s, between drawn rectangles of the driven vehicle

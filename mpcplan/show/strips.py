@@ -15,7 +15,7 @@ from mpcplan.vehicle import FORD_ESCORT, acceleration_limit
 
 if TYPE_CHECKING:
     from mpcplan.scenario import Problem
-    from mpcplan.simulate.loop import Drive, Run
+    from mpcplan.simulate.run import Drive, Run
 
 STRIPS = (
     "speed [m/s]",

@@ -11,7 +11,7 @@ from mpcplan.predict.recorded import record, static_ids
 from mpcplan.trajectory import Array
 
 if TYPE_CHECKING:
-    from mpcplan.simulate.loop import Run
+    from mpcplan.simulate.run import Run
 
 
 @dataclass(frozen=True, eq=False)

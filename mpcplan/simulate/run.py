@@ -1,6 +1,5 @@
 """What a run leaves behind: driven trajectories, the trace of every cycle, the solution file."""
 
-import math
 import os
 from dataclasses import dataclass
 from datetime import datetime
@@ -100,7 +99,7 @@ class Run:
                 position=position,
                 steering_angle=float(state[State.DELTA]),
                 velocity=float(state[State.V]),
-                orientation=math.remainder(float(state[State.PSI]), 2 * math.pi),
+                orientation=float(state[State.PSI]),  # continuous from the problem's own
             )
             for step, position, state in zip(
                 drive.trajectory.steps, positions, drive.trajectory.states, strict=True

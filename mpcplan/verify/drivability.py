@@ -20,7 +20,7 @@ from mpcplan.vehicle import FORD_ESCORT as CAR
 from mpcplan.vehicle import centres, input_violations, rectangles, simulate
 
 LIMIT_TOLERANCE = 1e-9
-OFF_ROAD = 1e-4  # m^2, area outside of the road that counts as on it
+OFF_ROAD = 1e-8  # m^2, area outside of the road that counts as on it (rounding)
 
 
 @dataclass(frozen=True)
