@@ -38,7 +38,7 @@ class RoadConfig(Section):
     variants: int = par(3, "1", "routes considered at most", ge=1, le=10)
     spacing: float = par(0.5, "m", "sampling of the reference path", gt=0.05, le=2)
     smoothing: float = par(
-        30.0, "m^4", "penalty on the second derivative of the reference path", ge=0, le=1e5
+        2.0, "m^4", "penalty on the second derivative of the reference path", ge=0, le=1e5
     )
     curvature_max: float = par(
         0.3, "1/m", "the reference is smoothed until its curvature is below this", gt=0.01, le=0.5

@@ -16,6 +16,7 @@ import numpy as np
 import shapely
 from commonroad.common.file_reader import CommonRoadFileReader
 from commonroad.common.util import FileFormat
+from commonroad.geometry.shape import Shape
 from commonroad.planning.planning_problem import PlanningProblem, PlanningProblemSet
 from commonroad.scenario.scenario import Scenario
 from commonroad.scenario.state import InitialState
@@ -174,7 +175,7 @@ def _check_goal_on_map(problem: Problem, lanelets: np.ndarray) -> None:
         )
 
 
-def _distance(shape, lanelets: np.ndarray) -> float:
+def _distance(shape: Shape, lanelets: np.ndarray) -> float:
     """Distance [m] of a commonroad-io shape or group of shapes from the nearest lanelet."""
     parts = getattr(shape, "shapes", [shape])
     return min(float(shapely.distance(lanelets, part.shapely_object).min()) for part in parts)

@@ -22,7 +22,7 @@ OBSTACLES = (
 _LOCAL_SHAPES = ("staticObstacle", "dynamicObstacle", "obstacle")
 
 
-class _RootReached(Exception):
+class _RootReached(Exception):  # noqa: N818 (no error)
     """Ends the scan of a document's prologue."""
 
 

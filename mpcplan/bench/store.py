@@ -40,7 +40,8 @@ def empty_row(scenario: str, status: str = "crash", cause: str = "") -> Row:
     """A row without results; every column is there."""
     row: Row = dict.fromkeys(COLUMNS, "")
     cluster = cluster_of(scenario)
-    return row | dict(scenario=scenario, cluster=cluster, status=status, valid=False, cause=cause)
+    known = {"scenario": scenario, "cluster": cluster, "status": status, "cause": cause}
+    return row | known | {"valid": False}
 
 
 def write_atomically(path: Path, text: str) -> None:

@@ -16,6 +16,7 @@ from mpcplan.seed.paths import Paths
 from mpcplan.trajectory import Array
 from mpcplan.vehicle import FORD_ESCORT as CAR
 
+ALIGNED = 0.15  # |sin 2 turn| below which a rectangle's extents in s and d describe it well
 PRESENT_GAP_SHARE = 0.1  # m, a gap that is short already may shrink by this much
 LEAD_REACH = 100.0  # m, the evaluator's box around the vehicle
 
@@ -86,10 +87,18 @@ def _mark(
     hit = inside & (d_max[at] > occupancy.d_low[rows, steps, None])
     hit &= d_min[at] < occupancy.d_high[rows, steps, None]
     pair, column = np.nonzero(hit)
-    pose = (s[at[pair, column]], d[at[pair, column]], mu[at[pair, column]])
-    sure = _touch(pose, occupancy, rows[pair], steps[pair], lon[pair], config.margin_lat)
-    pair, column = pair[sure], column[sure]
-    owner[steps[pair], at[pair, column]] = rows[pair]
+    owner_of = rows[pair]
+    # for a turned rectangle the extents in s and d overlap long before the bodies do
+    turned = np.flatnonzero(np.abs(np.sin(2 * occupancy.turn[rows, steps]))[pair] > ALIGNED)
+    where = at[pair[turned], column[turned]]
+    free = ~_touch(
+        (s[where], d[where], mu[where]), occupancy, rows[pair[turned]], steps[pair[turned]],
+        lon[pair[turned]], config.margin_lat,
+    )  # fmt: skip
+    hit_by = np.ones(len(pair), bool)
+    hit_by[turned[free]] = False
+    pair, column = pair[hit_by], column[hit_by]
+    owner[steps[pair], at[pair, column]] = owner_of[hit_by]
 
 
 def _touch(

@@ -26,6 +26,8 @@ from mpcplan.vehicle import acceleration_limit
 
 CELL_SIGMA = 0.75  # m, labels this close
 CELL_V = 0.5  # m/s, and this close in speed share a cell
+LONG_STEPS = 50  # horizons beyond this have cells
+LONG_CELLS = 1.5  # times as large
 SPEEDING = 2.0  # 1/(m^2/s^3), weight of the squared excess over the speed limit
 ACTUATOR_SHARE = 0.95  # of the limits that the search uses
 ROLLING = 1e-6  # m/s, slower is standing
@@ -80,11 +82,12 @@ def search(
     bounds = _layer_bounds(road, step, blocked.owner.shape[1] - 1, config.seed.search_steps)
     start = Labels(*(np.array([x]) for x in (0.0, max(v, 0.0), a, 0.0)), np.array([-1]))
     layers, best = [start], None
+    coarse = LONG_CELLS if bounds[-1] > LONG_STEPS else 1.0
     for first, last in zip(bounds, bounds[1:], strict=False):
         grown = _grow(layers[-1], tables, first, last, config, dt)
         if grown is None:
             break
-        layers.append(_prune(grown, config.seed.search_labels))
+        layers.append(_prune(grown, config.seed.search_labels, coarse))
         hit = _goal_label(road, fits, layers[-1], tables, step + last)
         if hit is not None and (best is None or layers[-1].cost[hit] < best[0]):
             best = (float(layers[-1].cost[hit]), len(layers) - 1, hit)
@@ -151,10 +154,10 @@ def _grow(
     return Labels(sigma, v, a, cost, parent).pick(np.flatnonzero(allowed))
 
 
-def _prune(labels: Labels, most: int) -> Labels:
+def _prune(labels: Labels, most: int, coarse: float) -> Labels:
     """The cheapest label of every cell of (sigma, v), and of those the cheapest ``most``."""
-    cell = np.rint(labels.sigma / CELL_SIGMA).astype(np.int64) * 1000
-    cell += np.rint(labels.v / CELL_V).astype(np.int64)
+    cell = np.rint(labels.sigma / (CELL_SIGMA * coarse)).astype(np.int64) * 1000
+    cell += np.rint(labels.v / (CELL_V * coarse)).astype(np.int64)
     order = np.lexsort((labels.cost, cell))
     first = np.concatenate([[True], np.diff(cell[order]) != 0])
     kept = order[first]

@@ -71,7 +71,7 @@ def tight_curve() -> Case:
 
 def goal_intervals() -> Case:
     """Velocity and orientation have to match in the goal rectangle."""
-    angle = math.pi / 4
+    angle = math.radians(50.0)
     b = bend(straight(50.0), *turn(angle, 1.0 / 60.0, 15.0), straight(130.0), cuts=(50.0,))
     b.road.limit_speed(SLOW_LIMIT, b.middle, 10.0)
     example = Motion(b.right, 25.0, 11.0, (Phase(8.0, -0.5),))
@@ -90,7 +90,7 @@ def goal_intervals() -> Case:
         [Actor(Motion(b.right, 60.0, 11.0)), Actor(Motion(b.oncoming, 60.0, 9.0))],
         (Tag.URBAN, Tag.LANE_FOLLOWING, Tag.ONCOMING_TRAFFIC, Tag.SPEED_LIMIT),
         "Gentle left curve with a speed limit of 40 km/h; the car ahead drives away.",
-        "rectangle, 6 to 8 m/s, orientation 0.785 +- 0.1 rad, steps 95 to 110",
+        "rectangle, 6 to 8 m/s, orientation 0.873 +- 0.1 rad, steps 95 to 110",
         "Slow down from 11 to 7 m/s so that place, speed, heading and time fit together.",
     )
 
