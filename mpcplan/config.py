@@ -124,14 +124,18 @@ class RefineConfig(Section):
     fresh_to_goal: bool = par(
         True, "", "refine a fresh seed to its end once, whatever the horizon of later cycles is"
     )
+    retry_margin: float = par(
+        0.15, "m", "margins grow by this for a second try when verification refuses the first",
+        ge=0, le=2,
+    )
     iterations: int = par(12, "1", "SQP iterations at most", ge=1, le=200)
     tolerance: float = par(2e-3, "1", "scaled step at which the iteration ends", gt=0, le=1)
     gain: float = par(5e-4, "1", "relative gain at which the iteration ends", ge=0, le=1)
     qp_iterations: int = par(400, "1", "OSQP iterations at most per subproblem", ge=10, le=100000)
     qp_tolerance: float = par(1e-4, "1", "OSQP's absolute and relative tolerance", gt=0, le=0.1)
     line_search: int = par(6, "1", "halvings of a step at most", ge=0, le=30)
-    penalty_lon: float = par(60.0, "1/m", "exact penalty on leaving the corridor in s", gt=0, le=1e6)
-    penalty_lat: float = par(150.0, "1/m", "exact penalty on leaving it in d", gt=0, le=1e6)
+    penalty_lon: float = par(200.0, "1/m", "exact penalty on leaving the corridor in s", gt=0, le=1e6)
+    penalty_lat: float = par(400.0, "1/m", "exact penalty on leaving it in d", gt=0, le=1e6)
     penalty_acceleration: float = par(
         20.0, "s^2/m", "exact penalty on lateral acceleration and friction circle", gt=0, le=1e6
     )

@@ -1,7 +1,7 @@
 """YAML as users expect it: 1e-3 is a number, 'no' is a text, and no key stands twice."""
 
 import re
-from typing import Any, ClassVar
+from typing import Any
 
 import yaml
 
@@ -12,7 +12,7 @@ class _Loader(yaml.SafeLoader):
     """PyYAML's safe loader with YAML 1.2's scalars and without duplicate keys."""
 
     # YAML 1.1 reads 1e-3 as text, 1:30 as 90 and no as false
-    yaml_implicit_resolvers: ClassVar[dict[str, Any]] = {}
+    yaml_implicit_resolvers: dict[str, Any] = {}  # noqa: RUF012 (so declared in PyYAML)
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         """The mapping; raises ConstructorError for a key that stands twice."""

@@ -8,7 +8,7 @@ from typing import Any
 
 from mpcplan.refine.refine import Refined
 from mpcplan.seed.seed import Seed
-from mpcplan.trajectory import Array, Trajectory
+from mpcplan.trajectory import Trajectory
 from mpcplan.verify.drivability import Finding
 
 
@@ -35,13 +35,11 @@ class Plan:
 class Option:
     """A trajectory that could become the plan.
 
-    ``states`` are its Frenet states, from which the next cycle goes on; ``cost`` is the
-    refinement's (or the seed's) cost with penalties.
+    ``cost`` is the refinement's (or the seed's) cost with penalties.
     """
 
     trajectory: Trajectory
     seed: Seed | None
-    states: Array
     cost: float
     reaches_goal: bool
     finding: Finding

@@ -7,6 +7,7 @@ Order of fallbacks: the refined seed; the seed itself, driven by feedback; what 
 plan; emergency braking along the lane. Each fall is in the plan's trace.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,13 +17,14 @@ from mpcplan.observation import Forecast, Observation
 from mpcplan.plan import Clock, Option, Plan
 from mpcplan.predict.occupancy import Occupancy, occupancy
 from mpcplan.predict.predictor import make_predictor
-from mpcplan.refine.refine import refine
+from mpcplan.refine.refine import Refined, refine
 from mpcplan.road.goal import is_reached
 from mpcplan.road.road import Road, build_roads
 from mpcplan.scenario import LoadedScenario, Problem
 from mpcplan.seed.candidates import Effort, find_seeds
+from mpcplan.seed.cost import trajectory_cost
 from mpcplan.seed.seed import Seed, SeedReport, after
-from mpcplan.seed.track import track
+from mpcplan.seed.track import frenet_states, track
 from mpcplan.trajectory import Trajectory
 from mpcplan.verify.drivability import Finding, verify
 from mpcplan.verify.failsafe import braking_tail
@@ -145,15 +147,15 @@ class Planner:
         """What is left of the last plan, as a seed."""
         if self._last is None or self._last.seed is None:
             return None
-        seed = self._last.seed
-        passed = cycle.observation.step - seed.first_step
-        states = self._last.states[passed:]
-        if len(states) < 3:
+        last, seen = self._last, cycle.observation
+        if seen.step >= last.trajectory.last_step - 1:
             return None
+        rest = last.trajectory.since(seen.step)
+        states = frenet_states(last.seed.road.frame, rest, seen.acceleration)
+        label = last.seed.label
         return Seed(
-            seed.road, cycle.observation.step, states, self._last.cost, seed.reaches_goal,
-            LAST_PLAN, seed.label,
-        )  # fmt: skip
+            last.seed.road, seen.step, states, last.cost, last.reaches_goal, LAST_PLAN, label
+        )
 
     # -- refinement and verification ----------------------------------------------------------------
 
@@ -161,59 +163,72 @@ class Planner:
         self, cycle: _Cycle, seed: Seed, options: list[Option], refused: list[Option]
     ) -> None:
         """Refines and verifies a seed, and falls back to the seed itself where that fails."""
-        ways = [self._refined(cycle, seed)] if self.config.refine.enabled else []
-        for option in (*ways, None):
-            tried = option if option is not None else self._unrefined(cycle, seed, bool(ways))
-            if tried is None:
+        ways: list[Callable[[], Option | None]] = []
+        if self.config.refine.enabled:
+            wider = self.config.refine.retry_margin
+            ways.append(lambda: self._refined(cycle, seed, 0.0))
+            ways.append(lambda: self._refined(cycle, seed, wider))
+        ways.append(lambda: self._unrefined(cycle, seed))
+        for way in ways:
+            option = way()
+            if option is None:
                 continue
-            (options if tried.finding.ok else refused).append(tried)
-            if tried.finding.ok:
+            (options if option.finding.ok else refused).append(option)
+            if option.finding.ok:
                 return
 
-    def _refined(self, cycle: _Cycle, seed: Seed) -> Option | None:
+    def _refined(self, cycle: _Cycle, seed: Seed, extra: float) -> Option | None:
+        """The refined seed, with margins grown by ``extra`` metres."""
         seen = cycle.observation
         around = self._occupancy(cycle, seed.road)
         with cycle.clock("refine"):
             fresh = seed.source != LAST_PLAN
             refined = refine(
-                seed, seen.state, seen.acceleration, around, self.config, self.dt, fresh
-            )
-        if refined is None:
+                seed, seen.state, seen.acceleration, around, self.config, self.dt, fresh,
+                extra,
+            )  # fmt: skip
+        if refined is None or (
+            extra == 0.0 and refined.result.cost_after > refined.result.cost_before
+        ):
             return None
-        trajectory, rest = refined.trajectory, len(refined.trajectory.inputs)
-        if rest < len(seed.states) - 1:  # the problem ends before the seed: the seed goes on
-            onward = track(after(seed, rest), trajectory.states[-1], self.dt)
+        trajectory, count = refined.trajectory, len(refined.trajectory.inputs)
+        if count < len(seed.states) - 1:  # the problem ends before the seed: the seed goes on
+            onward = track(after(seed, count), trajectory.states[-1], self.dt)
             trajectory = trajectory.then(onward)
-        trajectory, finding, reaches = self._finish(cycle, trajectory, seed)
-        return Option(
-            trajectory, seed, refined.states, refined.cost, reaches, finding,
-            f"{seed.source}, refined", refined,
-        )  # fmt: skip
+        return self._finish(cycle, trajectory, seed, f"{seed.source}, refined", refined)
 
-    def _unrefined(self, cycle: _Cycle, seed: Seed, fallback: bool) -> Option | None:
+    def _unrefined(self, cycle: _Cycle, seed: Seed) -> Option:
         """The seed driven by feedback."""
         with cycle.clock("track"):
             trajectory = track(seed, cycle.observation.state, self.dt)
-        trajectory, finding, reaches = self._finish(cycle, trajectory, seed)
-        source = f"{seed.source}, unrefined" if fallback else seed.source
-        return Option(trajectory, seed, seed.states, seed.cost, reaches, finding, source)
+        source = f"{seed.source}, unrefined" if self.config.refine.enabled else seed.source
+        return self._finish(cycle, trajectory, seed, source, None)
 
     def _finish(
-        self, cycle: _Cycle, trajectory: Trajectory, seed: Seed
-    ) -> tuple[Trajectory, Finding, bool]:
-        """The trajectory ended at the goal, or continued by a fail-safe tail; and verified."""
+        self, cycle: _Cycle, trajectory: Trajectory, seed: Seed, source: str,
+        refined: Refined | None,
+    ) -> Option:  # fmt: skip
+        """The trajectory ended at the goal, or continued by a fail-safe tail; judged and verified."""
         with cycle.clock("verify"):
             reached = self._goal_step(trajectory) if seed.reaches_goal else None
             if reached is not None:
                 trajectory = trajectory.until(reached)
-            else:
+            cost = self._cost(cycle, trajectory, seed.road, reached is not None)
+            if reached is None:
                 tail = braking_tail(
                     seed.road, trajectory.states[-1], trajectory.last_step,
                     self.config.verify.braking, self.dt,
                 )  # fmt: skip
                 trajectory = trajectory.then(tail)
             finding = verify(trajectory, cycle.forecast, seed.road.area, self.config.verify)
-        return trajectory, finding, reached is not None
+        return Option(trajectory, seed, cost, reached is not None, finding, source, refined)
+
+    def _cost(self, cycle: _Cycle, trajectory: Trajectory, road: Road, reaches: bool) -> float:
+        """The cost of a trajectory as it would be driven."""
+        seen = cycle.observation
+        states = frenet_states(road.frame, trajectory, seen.acceleration)
+        around = self._occupancy(cycle, road)
+        return trajectory_cost(road, states, seen.step, reaches, around, self.config, self.dt)
 
     def _goal_step(self, trajectory: Trajectory) -> int | None:
         """The first time step at which the goal is reached."""
@@ -255,9 +270,7 @@ class Planner:
         finding = verify(rest, cycle.forecast, last.seed.road.area, self.config.verify)
         if not finding.ok:
             return None
-        return Option(
-            rest, last.seed, last.states, last.cost, last.reaches_goal, finding, "last plan kept"
-        )
+        return Option(rest, last.seed, last.cost, last.reaches_goal, finding, "last plan kept")
 
     def _emergency(self, cycle: _Cycle) -> Option:
         """Braking along the lane; harder and softer, the first that is safe or the hardest."""
@@ -269,9 +282,7 @@ class Planner:
         checked = [(t, verify(t, cycle.forecast, road.area, self.config.verify)) for t in tails]
         safe = [(t, f) for t, f in checked if f.ok]
         trajectory, finding = (safe or [max(checked, key=lambda c: c[1].step or 0)])[0]
-        return Option(
-            trajectory, None, np.empty((0, 6)), float("inf"), False, finding, "emergency braking"
-        )
+        return Option(trajectory, None, float("inf"), False, finding, "emergency braking")
 
 
 def _effort(options: list[Option]) -> Effort:

@@ -5,7 +5,7 @@ For every time step and obstacle the seed tells on which axis the two are apart:
 it keeps the seed's homotopy. The evaluated cost's leader is fixed in the same way.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -18,6 +18,8 @@ from mpcplan.vehicle import FORD_ESCORT as CAR
 
 LON_SCALE = 4.0  # m, a longitudinal gap of this weighs as much as
 LAT_SCALE = 1.0  # m, a lateral one of this when the axis is chosen
+ASIDE_REACH = 25.0  # m ahead, beyond which closeness costs next to nothing
+ASIDE_SIDE = 1.5  # m further aside than what counts, beyond which no bound is needed
 SPARE = 0.03  # m, kept on top of verification's margin, or left of the seed's own gap
 FAR = 1e3  # m, no bound
 
@@ -71,6 +73,8 @@ def build_corridor(seed: Seed, occupancy: Occupancy, config: Config) -> Corridor
     d_max = nearest(window.d_low[near] - half - lat_margin, chosen & ~by_lon & to_left)
     d_min = -nearest(-(window.d_high[near] + half + lat_margin), chosen & ~by_lon & ~to_left)
     s_max = np.minimum(s_max, seed.road.limits.end - CAR.front)
+    aside = _keep_aside(seed, window, near, config)
+    d_min, d_max = np.maximum(d_min, aside[0]), np.minimum(d_max, aside[1])
     return Corridor(s_min, s_max, d_min, d_max, _lead(seed, window, near, config), slant)
 
 
@@ -126,6 +130,28 @@ def _slack(slant: Array, s_c: float, d_c: float) -> float:
     return float(slant[2] - slant[0] * s_c - slant[1] * d_c)
 
 
+def _keep_aside(
+    seed: Seed, window: Occupancy, rows: Array, config: Config
+) -> tuple[Array, Array]:
+    """(n,) bounds of d that keep uncounted what TR1 does not count at the seed's place.
+
+    An obstacle ahead counts within 2.8 m laterally. Where the seed passes further aside, the
+    refinement's fixed leader would not notice a return: so the bound stands in its problem.
+    """
+    s, d, mu = (seed.states[:, c] for c in (Stage.S, Stage.D, Stage.MU))
+    centre_s = s + CAR.rear_to_centre * np.cos(mu)
+    centre_d = d + CAR.rear_to_centre * np.sin(mu)
+    lateral = config.cost.distance_lateral
+    with np.errstate(invalid="ignore"):
+        gap = window.s[rows] - centre_s
+        offset = centre_d - window.d[rows]
+        aside = (gap > 0) & (gap < ASIDE_REACH) & (np.abs(offset) < lateral + ASIDE_SIDE)
+        right, left = aside & (offset < -lateral), aside & (offset > lateral)
+    d_max = np.where(right, window.d[rows] - lateral - SPARE, FAR).min(axis=0, initial=FAR)
+    d_min = np.where(left, window.d[rows] + lateral + SPARE, -FAR).max(axis=0, initial=-FAR)
+    return np.minimum(d_min, np.maximum(centre_d, -FAR)), np.maximum(d_max, centre_d)
+
+
 def _lead(seed: Seed, window: Occupancy, rows: Array, config: Config) -> Array:
     """(n,) arc length of the nearest centre ahead that counts for TR1, from the seed's place."""
     s, d, mu = (seed.states[:, c] for c in (Stage.S, Stage.D, Stage.MU))
@@ -137,16 +163,28 @@ def _lead(seed: Seed, window: Occupancy, rows: Array, config: Config) -> Array:
     return np.where(counts, window.s[rows], np.inf).min(axis=0, initial=np.inf)
 
 
+def narrowed(corridor: Corridor, extra: float) -> Corridor:
+    """The corridor with every obstacle's bound moved inwards by ``extra`` metres."""
+    slant = corridor.slant.copy()
+    slant[:, 2] -= extra
+    return replace(
+        corridor,
+        s_min=corridor.s_min + extra, s_max=corridor.s_max - extra,
+        d_min=corridor.d_min + extra, d_max=corridor.d_max - extra, slant=slant,
+    )  # fmt: skip
+
+
 def lateral_bounds(
-    seed: Seed, corridor: Corridor, s: Array, half: Array
+    seed: Seed, corridor: Corridor, s: Array, half: Array, extra: float
 ) -> tuple[Array, Array]:
     """(n, 3) bounds of d from road and obstacles, for the body's points at (n, 3) arc lengths s.
 
-    ``half`` is the body's half width as seen across the path at these points [m].
+    ``half`` is the body's half width as seen across the path at these points, ``extra`` what is
+    kept from the road's edge on top of the configured margin [m].
     """
     road, limits = seed.road, seed.road.limits
-    left = np.interp(s, road.frame.s, limits.left) - half
-    right = np.interp(s, road.frame.s, limits.right) + half
+    left = np.interp(s, road.frame.s, limits.left) - half - extra
+    right = np.interp(s, road.frame.s, limits.right) + half + extra
     # obstacle bounds hold for the body's sides; they were made for the full half width
     d_min = corridor.d_min[:, None] - CAR.width / 2 + half
     d_max = corridor.d_max[:, None] + CAR.width / 2 - half

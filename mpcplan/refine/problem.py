@@ -92,11 +92,15 @@ class Problem:
 
     def __init__(
         self, seed: Seed, corridor: Corridor, x0: Array, goal: GoalWindow | None, n: int,
-        config: Config, dt: float,
+        config: Config, dt: float, extra: float = 0.0,
     ) -> None:  # fmt: skip
-        """N = n steps from state x0; ``goal`` is met at k = n, or None where it lies further."""
+        """N = n steps from state x0; ``goal`` is met at k = n, or None where it lies further.
+
+        ``extra`` is kept from the road's edge on top of the configured margin [m].
+        """
         self.seed, self.corridor, self.goal, self.n = seed, corridor, goal, n
         self.config, self.dt, self.x0 = config, dt, x0
+        self.extra = extra
         self.layout: Layout = layout(n)
         self._latest: tuple[Iterate, _Values] | None = None
         road = seed.road
@@ -257,7 +261,7 @@ class Problem:
         at, offset, turn = self._at(z).body
         half = CAR.width / 2 * np.abs(np.cos(turn))
         corridor = self.corridor.steps(1, self.n + 1)
-        low, high = lateral_bounds(self.seed, corridor, at, half)
+        low, high = lateral_bounds(self.seed, corridor, at, half, self.extra)
         return offset, low, high
 
     def _project_body(self, x: Array) -> tuple[Array, Array, Array]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from mpcplan.config import Config
 from mpcplan.predict.occupancy import Occupancy
-from mpcplan.refine.corridor import build_corridor
+from mpcplan.refine.corridor import build_corridor, narrowed
 from mpcplan.refine.problem import Iterate, Problem
 from mpcplan.refine.sqp import SqpResult, solve
 from mpcplan.road.goal import GoalWindow
@@ -27,17 +27,13 @@ class Refined:
 
     Attributes:
         trajectory: the KS model driven by the solution's inputs.
-        states: (k + 1, 6) Frenet states: the refined ones, then the seed's where it goes on.
         result: how the SQP went.
         tr1: the four TR1 terms of the refined part, before and after.
-        cost: the refined part's cost with penalties, plus the seed's where it goes on.
     """
 
     trajectory: Trajectory
-    states: Array
     result: SqpResult
     tr1: tuple[float, float]
-    cost: float
 
     def as_dict(self) -> dict[str, Any]:
         """For the trace."""
@@ -47,12 +43,13 @@ class Refined:
 
 def refine(
     seed: Seed, state: Array, acceleration: float, occupancy: Occupancy, config: Config, dt: float,
-    fresh: bool,
+    fresh: bool, extra: float = 0.0,
 ) -> Refined | None:  # fmt: skip
     """Refines a seed from a rear-axle state; None where the seed is too short to refine.
 
     Args:
         fresh: whether the seed was never refined: then the problem may reach to its end.
+        extra: margin [m] kept from obstacles and road's edge on top of the configured ones.
     """
     total = len(seed.states) - 1
     whole = config.refine.horizon == "goal" or (fresh and config.refine.fresh_to_goal)
@@ -62,15 +59,13 @@ def refine(
     pose = frenet_pose(seed.road, state)
     x0 = np.array([pose.s, pose.d, pose.mu, state[State.V], pose.delta, acceleration])
     goal = _goal_at_end(seed) if n == total and seed.reaches_goal else None
-    problem = Problem(seed, build_corridor(seed, occupancy, config), x0, goal, n, config, dt)
+    corridor = narrowed(build_corridor(seed, occupancy, config), extra)
+    problem = Problem(seed, corridor, x0, goal, n, config, dt, extra)
     start = problem.initial()
     result = solve(problem, config.refine)
     tr1 = (problem.tr1(start), problem.tr1(result.z))
     trajectory = simulate(state, _inputs(result.z, float(state[State.V]), dt), dt, seed.first_step)
-    states = np.vstack([result.z.x, seed.states[n + 1 :]])
-    rest = max(seed.cost - tr1[0], 0.0) if n < total else 0.0
-    cost = result.cost_after + rest + (0.0 if seed.reaches_goal else config.seed.goal_missed)
-    return Refined(trajectory, states, result, tr1, cost)
+    return Refined(trajectory, result, tr1)
 
 
 def _goal_at_end(seed: Seed) -> GoalWindow | None:

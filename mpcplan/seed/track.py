@@ -15,7 +15,7 @@ import numpy as np
 
 from mpcplan.road.frame import Frame
 from mpcplan.seed.seed import Seed, Stage
-from mpcplan.trajectory import Array, Input, Trajectory
+from mpcplan.trajectory import Array, Input, State, Trajectory
 from mpcplan.vehicle import FORD_ESCORT as CAR
 from mpcplan.vehicle import simulate
 
@@ -30,6 +30,19 @@ def track(seed: Seed, state: Array, dt: float, steps: int | None = None) -> Traj
     steps = len(seed.states) - 1 if steps is None else min(steps, len(seed.states) - 1)
     inputs = frenet_inputs(seed.road.frame, seed.states[: steps + 1], state, dt)
     return simulate(state, inputs, dt, seed.first_step)
+
+
+def frenet_states(frame: Frame, trajectory: Trajectory, acceleration: float) -> Array:
+    """(n + 1, 6) Frenet states (columns :class:`Stage`) of a trajectory, exactly projected.
+
+    ``acceleration`` [m/s^2] is the one of the step before the first state.
+    """
+    x = trajectory.states
+    s, d = frame.to_frenet(x[:, [State.X, State.Y]])
+    turn = x[:, State.PSI] - frame.heading(s)
+    mu = (turn + np.pi) % (2 * np.pi) - np.pi
+    a = np.concatenate([[acceleration], trajectory.inputs[:, Input.A]])
+    return np.column_stack([s, d, mu, x[:, State.V], x[:, State.DELTA], a])
 
 
 def frenet_inputs(frame: Frame, target: Array, state: Array, dt: float) -> Array:

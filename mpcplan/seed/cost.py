@@ -1,0 +1,49 @@
+"""The cost of a trajectory as it is driven: TR1 up to its end, and what it lacks of the goal.
+
+    J = dt sum_k  w_J j_k^2 + w_SR w_k^2 + w_D exp(-c (gap_k - r)) + w_LC e_k^2 + w_v over_k^2
+
+with gap_k the distance of the centres to the nearest obstacle ahead whose centre lies within 2.8 m
+laterally at step k, as the evaluator counts it, and e_k the offset of the body's centre from its
+lane. All options of a planning cycle are compared by this one number, wherever they come from.
+"""
+
+import numpy as np
+
+from mpcplan.config import Config
+from mpcplan.predict.occupancy import Occupancy
+from mpcplan.road.road import Road
+from mpcplan.seed.goal_fit import miss_distance
+from mpcplan.seed.seed import Stage
+from mpcplan.trajectory import Array
+from mpcplan.vehicle import FORD_ESCORT as CAR
+
+
+def trajectory_cost(
+    road: Road, states: Array, first_step: int, reaches_goal: bool, occupancy: Occupancy,
+    config: Config, dt: float,
+) -> float:  # fmt: skip
+    """Cost of (n + 1, 6) Frenet states (columns :class:`Stage`) from a time step on."""
+    cost, after = config.cost, states[1:]
+    jerk = np.diff(states[:, Stage.A]) / dt
+    steering = np.diff(states[:, Stage.DELTA]) / dt
+    centre_s = after[:, Stage.S] + CAR.rear_to_centre * np.cos(after[:, Stage.MU])
+    centre_d = after[:, Stage.D] + CAR.rear_to_centre * np.sin(after[:, Stage.MU])
+    gap = gap_ahead(centre_s, centre_d, occupancy.window(first_step + 1, len(after)), config)
+    offset = centre_d - np.interp(after[:, Stage.S], road.frame.s, road.limits.lane)
+    limit = np.interp(after[:, Stage.S], road.frame.s, road.limits.speed)
+    over = np.maximum(after[:, Stage.V] - np.maximum(limit, 0.1), 0.0)
+    rate = cost.jerk * jerk**2 + cost.steering_rate * steering**2 + cost.lane * offset**2
+    rate = rate + cost.distance * np.exp(-cost.distance_decay * (gap - cost.distance_offset))
+    total = dt * float((rate + config.refine.speeding * over**2).sum())
+    if reaches_goal or not len(after):
+        return total
+    miss = miss_distance(road, centre_s[-1:], centre_d[-1:], after[-1:, Stage.V])
+    return total + config.seed.goal_missed + config.seed.goal_distance * float(miss[0])
+
+
+def gap_ahead(s: Array, d: Array, window: Occupancy, config: Config) -> Array:
+    """(n,) distance [m] from the centre to the nearest counted centre ahead, inf for none."""
+    with np.errstate(invalid="ignore"):
+        gap = window.s - s
+        counts = (np.abs(window.d - d) < config.cost.distance_lateral) & (gap > 0)
+    return np.where(counts, gap, np.inf).min(axis=0, initial=np.inf)
