@@ -6,22 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from reference_ocp import SPACING, frame_of
+from reference_ocp import straight as no_curvature
 
 from mpcplan.road.frame import Frame
-
-SPACING = 0.5
-
-
-def frame_of(curvature, length: float) -> Frame:
-    """A frame whose curvature is a function of the arc length, integrated finely."""
-    fine = np.arange(0.0, length + 0.005, 0.01)
-    theta = np.concatenate([[0.0], np.cumsum((curvature(fine[1:]) + curvature(fine[:-1])) * 0.005)])
-    middle = (theta[1:] + theta[:-1]) / 2
-    steps = 0.01 * np.column_stack([np.cos(middle), np.sin(middle)])
-    points = np.vstack([[0.0, 0.0], np.cumsum(steps, axis=0)])
-    every = round(SPACING / 0.01)
-    return Frame(fine[::every], points[::every])
-
 
 def circle(radius: float, angle: float = math.pi) -> Frame:
     """An arc to the left (radius > 0) or to the right, starting at the origin along x."""
@@ -35,7 +23,7 @@ def winding(amplitude: float, wavelength: float) -> Frame:
 
 def straight(length: float = 50.0) -> Frame:
     """A straight path along x."""
-    return frame_of(np.zeros_like, length)
+    return frame_of(no_curvature, length)
 
 
 @settings(max_examples=80, deadline=None)

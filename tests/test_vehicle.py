@@ -33,11 +33,12 @@ shares = st.floats(-0.999, 0.999)
 
 
 def input_within_limits(x: np.ndarray, along: float, across: float) -> tuple[float, float]:
-    """Acceleration and steering rate at shares of what the model's limits leave at a state."""
+    """Acceleration and steering rate at shares of what the model's limits leave over a step."""
     v, delta = x[3], x[2]
     lateral = v**2 / FORD_ESCORT.wheelbase * math.tan(delta)
     grip = math.sqrt(max(FORD_ESCORT.a_max**2 - lateral**2, 0.0))
-    top = min(grip, float(acceleration_limit(v)))
+    # the limit at the step's end: the checker's integrator cuts the acceleration off above it
+    top = min(grip, float(acceleration_limit(v + FORD_ESCORT.a_max * DT)))
     a = along * (top if along > 0 else grip)
     return max(a, -v / DT), across * FORD_ESCORT.v_delta_max
 

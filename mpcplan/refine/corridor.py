@@ -18,8 +18,7 @@ from mpcplan.vehicle import FORD_ESCORT as CAR
 
 LON_SCALE = 4.0  # m, a longitudinal gap of this weighs as much as
 LAT_SCALE = 1.0  # m, a lateral one of this when the axis is chosen
-ASIDE_REACH = 25.0  # m ahead, beyond which closeness costs next to nothing
-ASIDE_SIDE = 1.5  # m further aside than what counts, beyond which no bound is needed
+ASIDE = 0.3  # m further aside than TR1 counts: the refinement may still move this much sideways
 SPARE = 0.03  # m, kept on top of verification's margin, or left of the seed's own gap
 FAR = 1e3  # m, no bound
 
@@ -73,8 +72,6 @@ def build_corridor(seed: Seed, occupancy: Occupancy, config: Config) -> Corridor
     d_max = nearest(window.d_low[near] - half - lat_margin, chosen & ~by_lon & to_left)
     d_min = -nearest(-(window.d_high[near] + half + lat_margin), chosen & ~by_lon & ~to_left)
     s_max = np.minimum(s_max, seed.road.limits.end - CAR.front)
-    aside = _keep_aside(seed, window, near, config)
-    d_min, d_max = np.maximum(d_min, aside[0]), np.minimum(d_max, aside[1])
     return Corridor(s_min, s_max, d_min, d_max, _lead(seed, window, near, config), slant)
 
 
@@ -130,35 +127,13 @@ def _slack(slant: Array, s_c: float, d_c: float) -> float:
     return float(slant[2] - slant[0] * s_c - slant[1] * d_c)
 
 
-def _keep_aside(
-    seed: Seed, window: Occupancy, rows: Array, config: Config
-) -> tuple[Array, Array]:
-    """(n,) bounds of d that keep uncounted what TR1 does not count at the seed's place.
-
-    An obstacle ahead counts within 2.8 m laterally. Where the seed passes further aside, the
-    refinement's fixed leader would not notice a return: so the bound stands in its problem.
-    """
-    s, d, mu = (seed.states[:, c] for c in (Stage.S, Stage.D, Stage.MU))
-    centre_s = s + CAR.rear_to_centre * np.cos(mu)
-    centre_d = d + CAR.rear_to_centre * np.sin(mu)
-    lateral = config.cost.distance_lateral
-    with np.errstate(invalid="ignore"):
-        gap = window.s[rows] - centre_s
-        offset = centre_d - window.d[rows]
-        aside = (gap > 0) & (gap < ASIDE_REACH) & (np.abs(offset) < lateral + ASIDE_SIDE)
-        right, left = aside & (offset < -lateral), aside & (offset > lateral)
-    d_max = np.where(right, window.d[rows] - lateral - SPARE, FAR).min(axis=0, initial=FAR)
-    d_min = np.where(left, window.d[rows] + lateral + SPARE, -FAR).max(axis=0, initial=-FAR)
-    return np.minimum(d_min, np.maximum(centre_d, -FAR)), np.maximum(d_max, centre_d)
-
-
 def _lead(seed: Seed, window: Occupancy, rows: Array, config: Config) -> Array:
     """(n,) arc length of the nearest centre ahead that counts for TR1, from the seed's place."""
     s, d, mu = (seed.states[:, c] for c in (Stage.S, Stage.D, Stage.MU))
     centre_s = s + CAR.rear_to_centre * np.cos(mu)
     centre_d = d + CAR.rear_to_centre * np.sin(mu)
     with np.errstate(invalid="ignore"):
-        counts = np.abs(window.d[rows] - centre_d) < config.cost.distance_lateral
+        counts = np.abs(window.d[rows] - centre_d) < config.cost.distance_lateral + ASIDE
         counts &= window.s[rows] > centre_s
     return np.where(counts, window.s[rows], np.inf).min(axis=0, initial=np.inf)
 

@@ -106,7 +106,7 @@ class Problem:
         road = seed.road
         s = seed.states[: n + 1, Stage.S]
         self.lane = np.interp(s, road.frame.s, road.limits.lane)
-        self.speed_limit = np.maximum(np.interp(s, road.frame.s, road.limits.speed), 0.5)
+        self.speed_limit = np.maximum(np.interp(s, road.frame.s, road.limits.posted), 0.5)
         self.terminal = np.zeros(len(Stage)) if goal else np.array(config.refine.terminal)
         start = abs(float(x0[Stage.V] ** 2 / CAR.wheelbase * np.tan(x0[Stage.DELTA])))
         self.lateral_limit = max(config.road.lateral_acceleration, min(start, 0.9 * CAR.a_max))

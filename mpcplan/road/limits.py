@@ -42,6 +42,7 @@ class Limits:
         left, right: edges of the drivable area that is connected with the lane (left > right).
         lane: offset of the nearest lane's centre from the reference.
         lane_left, lane_right: centres of the neighbouring lanes of the same direction, else NaN.
+        posted: largest speed from signs.
         speed: largest speed from signs and curvature.
         end: arc length at which the road ends.
     """
@@ -51,6 +52,7 @@ class Limits:
     lane: Array
     lane_left: Array
     lane_right: Array
+    posted: Array
     speed: Array
     end: float
 
@@ -102,7 +104,7 @@ def build_limits(
     lane, lane_left, lane_right = _lane_centres(network, on_path, frame)
     return Limits(
         left, right, lane, lane_left, lane_right,
-        _speed_limits(scenario, on_path, frame, config),
+        *_speed_limits(scenario, on_path, frame, config),
         _road_end(left, right, frame),
     )  # fmt: skip
 
@@ -179,8 +181,8 @@ def _centre_offsets(lane: Lanelet, frame: Frame) -> Array:
 
 def _speed_limits(
     scenario: Scenario, on_path: list[Lanelet | None], frame: Frame, config: RoadConfig
-) -> Array:
-    """Largest speed [m/s] from signs and from the lateral acceleration."""
+) -> tuple[Array, Array]:
+    """Largest speed [m/s] from signs, and from signs and lateral acceleration."""
     signs = TrafficSignInterpreter(scenario.scenario_id.country_id, scenario.lanelet_network)
     known: dict[int, float] = {}
     limit = np.full(len(frame.s), config.speed_max)
@@ -192,7 +194,7 @@ def _speed_limits(
             known[lane.lanelet_id] = config.speed_max if posted is None else float(posted)
         limit[i] = min(known[lane.lanelet_id] * config.speed_limit_factor, config.speed_max)
     curve = np.sqrt(config.lateral_acceleration / np.maximum(np.abs(frame.kappa), 1e-6))
-    return np.minimum(limit, curve)
+    return limit, np.minimum(limit, curve)
 
 
 def _road_end(left: Array, right: Array, frame: Frame) -> float:

@@ -244,7 +244,7 @@ def _cost(
     lead = blocked.lead[path, table.ks, index]
     closeness = np.exp(-cost.distance_decay * (lead - cost.distance_offset))
     centre = paths.d + CAR.rear_to_centre * np.sin(paths.mu)
-    limit = np.interp(paths.s, road.frame.s, road.limits.speed)[:, index]
+    limit = np.interp(paths.s, road.frame.s, road.limits.posted)[:, index]
     speeding = np.maximum(v - np.maximum(limit, 0.1), 0.0) ** 2
     rate = cost.steering_rate * (paths.delta_slope**2)[:, index] * v**2
     rate = rate + cost.distance * closeness + SPEEDING * speeding
