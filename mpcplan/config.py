@@ -22,7 +22,9 @@ class CostConfig(Section):
     jerk: float = par(0.01, "s^5/m^2", "weight of the squared longitudinal jerk", ge=0, le=1e3)
     steering_rate: float = par(22.0, "s/rad^2", "weight of the squared steering rate", ge=0, le=1e4)
     distance: float = par(8.0, "1/s", "weight of closeness to the obstacle ahead", ge=0, le=1e4)
-    lane: float = par(0.5, "1/(m^2 s)", "weight of the squared lane offset (report: 5)", ge=0, le=1e3)
+    lane: float = par(
+        0.5, "1/(m^2 s)", "weight of the squared lane offset (report: 5)", ge=0, le=1e3
+    )
     distance_decay: float = par(0.2, "1/m", "decay of the closeness with the gap", gt=0, le=10)
     distance_offset: float = par(
         0.6696, "m", "subtracted from the distance between centres", ge=0, le=5
@@ -62,7 +64,9 @@ class PredictConfig(Section):
         "recorded", "", "recorded trajectories, or constant acceleration and yaw rate"
     )
     horizon: float = par(3.0, "s", "length of constant_input's prediction", gt=0.1, le=20)
-    history: int = par(5, "1", "past boxes from which acceleration and yaw rate are fitted", ge=2, le=50)
+    history: int = par(
+        5, "1", "past boxes from which acceleration and yaw rate are fitted", ge=2, le=50
+    )
 
 
 class SeedConfig(Section):
@@ -90,11 +94,9 @@ class SeedConfig(Section):
     passed: int = par(2, "1", "slow obstacles around which paths lead out and back", ge=0, le=10)
     pass_speed: float = par(5.0, "m/s", "obstacles slower than this may be passed", ge=0, le=30)
     pass_gap: float = par(0.5, "m", "gap to the side when passing", ge=0, le=3)
-    margin_lon: float = par(0.5, "m", "gap kept ahead and behind", ge=0, le=5)
-    margin_lat: float = par(0.15, "m", "gap kept to the side", ge=0, le=2)
-    goal_missed: float = par(
-        200.0, "1", "cost of a candidate that misses the goal", ge=0, le=1e6
-    )
+    margin_lon: float = par(0.2, "m", "gap kept ahead and behind", ge=0, le=5)
+    margin_lat: float = par(0.1, "m", "gap kept to the side", ge=0, le=2)
+    goal_missed: float = par(200.0, "1", "cost of a candidate that misses the goal", ge=0, le=1e6)
     goal_distance: float = par(
         5.0, "1/m", "cost of each metre by which the goal is missed", ge=0, le=1e6
     )
@@ -108,10 +110,13 @@ class SeedConfig(Section):
     search: bool = par(True, "", "search speed profiles where the lattice finds no way to the goal")
     search_steps: int = par(3, "time steps", "duration of one move of the search", ge=1, le=10)
     search_actions: tuple[float, ...] = par(
-        (-9.0, -6.0, -3.0, -1.5, 0.0, 1.5, 3.0), "m/s^2", "accelerations of the search", min_length=2
+        (-9.0, -6.0, -3.0, -1.5, 0.0, 1.5, 3.0),
+        "m/s^2",
+        "accelerations of the search",
+        min_length=2,
     )
     search_labels: int = par(1500, "1", "states kept per move of the search", ge=10, le=100000)
-    finalists: int = par(2, "1", "candidates that are handed on to the refinement", ge=1, le=10)
+    finalists: int = par(3, "1", "candidates that are handed on to the refinement", ge=1, le=10)
 
 
 class RefineConfig(Section):
@@ -125,8 +130,11 @@ class RefineConfig(Section):
         True, "", "refine a fresh seed to its end once, whatever the horizon of later cycles is"
     )
     retry_margin: float = par(
-        0.15, "m", "margins grow by this for a second try when verification refuses the first",
-        ge=0, le=2,
+        0.15,
+        "m",
+        "margins grow by this for a second try when verification refuses the first",
+        ge=0,
+        le=2,
     )
     iterations: int = par(12, "1", "SQP iterations at most", ge=1, le=200)
     tolerance: float = par(2e-3, "1", "scaled step at which the iteration ends", gt=0, le=1)
@@ -134,7 +142,9 @@ class RefineConfig(Section):
     qp_iterations: int = par(400, "1", "OSQP iterations at most per subproblem", ge=10, le=100000)
     qp_tolerance: float = par(1e-4, "1", "OSQP's absolute and relative tolerance", gt=0, le=0.1)
     line_search: int = par(6, "1", "halvings of a step at most", ge=0, le=30)
-    penalty_lon: float = par(200.0, "1/m", "exact penalty on leaving the corridor in s", gt=0, le=1e6)
+    penalty_lon: float = par(
+        200.0, "1/m", "exact penalty on leaving the corridor in s", gt=0, le=1e6
+    )
     penalty_lat: float = par(400.0, "1/m", "exact penalty on leaving it in d", gt=0, le=1e6)
     penalty_acceleration: float = par(
         20.0, "s^2/m", "exact penalty on lateral acceleration and friction circle", gt=0, le=1e6
@@ -145,10 +155,11 @@ class RefineConfig(Section):
     )
     actuator_share: float = par(0.98, "1", "part of the actuators that plans use", gt=0.1, le=1)
     speeding: float = par(
-        2.0, "s/m^2", "weight of the squared excess over the speed limit", ge=0, le=1e3
+        0.5, "s/m^2", "weight of the squared excess over the speed limit", ge=0, le=1e3
     )
     terminal: tuple[float, float, float, float, float, float] = par(
-        (1.0, 10.0, 400.0, 10.0, 200.0, 0.4), "1/unit^2",
+        (1.0, 10.0, 400.0, 10.0, 200.0, 0.4),
+        "1/unit^2",
         "weights of the last state's distance from the seed (s, d, mu, v, delta, a), where the "
         "problem ends before the goal",
     )
@@ -157,7 +168,9 @@ class RefineConfig(Section):
 class VerifyConfig(Section):
     """What a plan must pass before it is executed."""
 
-    position_tolerance: float = par(1e-6, "m", "re-simulated positions agree to this", gt=0, le=0.01)
+    position_tolerance: float = par(
+        1e-6, "m", "re-simulated positions agree to this", gt=0, le=0.01
+    )
     margin: float = par(0.05, "m", "gap kept to every predicted rectangle", ge=0, le=1)
     braking: float = par(8.0, "m/s^2", "deceleration of the fail-safe tail", gt=1, le=11.5)
 

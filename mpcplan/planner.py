@@ -21,17 +21,16 @@ from mpcplan.refine.refine import Refined, refine
 from mpcplan.road.goal import is_reached
 from mpcplan.road.road import Road, build_roads
 from mpcplan.scenario import LoadedScenario, Problem
-from mpcplan.seed.candidates import Effort, find_seeds
+from mpcplan.seed.candidates import Effort, distinct, find_seeds
 from mpcplan.seed.cost import trajectory_cost
-from mpcplan.seed.seed import Seed, SeedReport, after
+from mpcplan.seed.seed import Seed, SeedReport, after, merged
 from mpcplan.seed.track import frenet_states, track
 from mpcplan.trajectory import Trajectory
-from mpcplan.verify.drivability import Finding, verify
+from mpcplan.verify.drivability import verify
 from mpcplan.verify.failsafe import braking_tail
 
 LAST_PLAN = "last plan"  # source of what is left of the plan before
 WORTHWHILE = 0.97  # a new seed is refined beside the last plan if its cost is below this share
-ENOUGH_ROADS = 1  # roads that are planned on once one of them has a plan
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,23 +84,20 @@ class Planner:
 
     # -- seeds ----------------------------------------------------------------------------------
 
-    def _options(
-        self, cycle: _Cycle
-    ) -> tuple[list[Option], list[SeedReport], list[Option]]:
+    def _options(self, cycle: _Cycle) -> tuple[list[Option], list[SeedReport], list[Option]]:
         """Verified options (best first), the seed reports, and the options that were refused."""
         options: list[Option] = []
         refused: list[Option] = []
-        reports: list[SeedReport] = []
         last = self._continue(cycle)
         if last is not None:
             self._develop(cycle, last, options, refused)
-        for road in self._road_order():
-            if any(option.reaches_goal for option in options) and road is not self._current_road:
-                break
-            seeds, found = self._seeds(cycle, road, _effort(options))
-            reports += found
-            for seed in self._worth_refining(seeds, options, last):
-                self._develop(cycle, seed, options, refused)
+        goes_on = any(option.reaches_goal for option in options)
+        seeds, reports = self._seeds(cycle, goes_on)
+        if goes_on:
+            bar = WORTHWHILE * min(option.cost for option in options)
+            seeds = [seed for seed in seeds if seed.reaches_goal and seed.cost < bar][:1]
+        for seed in distinct(seeds, self.config.seed.finalists):
+            self._develop(cycle, seed, options, refused)
         options.sort(key=lambda option: (not option.reaches_goal, option.cost))
         return options, reports, refused
 
@@ -109,30 +105,23 @@ class Planner:
     def _current_road(self) -> Road:
         return self._last.seed.road if self._last and self._last.seed else self.roads[0]
 
-    def _road_order(self) -> list[Road]:
-        """The road driven on first, then the others."""
-        current = self._current_road
-        return [current, *(road for road in self.roads if road is not current)]
-
-    def _seeds(
-        self, cycle: _Cycle, road: Road, effort: Effort
-    ) -> tuple[list[Seed], list[SeedReport]]:
-        seen = cycle.observation
-        around = self._occupancy(cycle, road)
-        with cycle.clock("seed"):
-            return find_seeds(
-                road, seen.state, seen.acceleration, seen.step, around, self.config, self.dt, effort
-            )
-
-    def _worth_refining(
-        self, seeds: list[Seed], options: list[Option], last: Seed | None
-    ) -> list[Seed]:
-        """The best seeds; beside a plan that goes on well only those that look better."""
-        finalists = seeds[: self.config.seed.finalists]
-        if last is None or not options or not options[0].reaches_goal:
-            return finalists
-        bar = WORTHWHILE * min(option.cost for option in options)
-        return [seed for seed in finalists[:1] if seed.reaches_goal and seed.cost < bar]
+    def _seeds(self, cycle: _Cycle, goes_on: bool) -> tuple[list[Seed], list[SeedReport]]:
+        """Seeds of the present road, and of the others where the last plan does not go on."""
+        current, found = self._current_road, []
+        roads = [current, *(road for road in self.roads if road is not current)]
+        reports: list[SeedReport] = []
+        for road in roads[: 1 if goes_on else None]:
+            effort = Effort.ALWAYS if road is current else Effort.IF_NEEDED
+            seen, around = cycle.observation, self._occupancy(cycle, road)
+            with cycle.clock("seed"):
+                seeds, told = find_seeds(
+                    road, seen.state, seen.acceleration, seen.step, around, self.config, self.dt,
+                    Effort.NEVER if goes_on else effort,
+                )  # fmt: skip
+            found += seeds
+            reports += told
+        found.sort(key=lambda seed: (not seed.reaches_goal, seed.cost))
+        return found, merged(reports)
 
     def _occupancy(self, cycle: _Cycle, road: Road) -> Occupancy:
         """The forecast along a road; kept while the forecast stays the same."""
@@ -147,17 +136,16 @@ class Planner:
         """What is left of the last plan, as a seed."""
         if self._last is None or self._last.seed is None:
             return None
-        last, seen = self._last, cycle.observation
+        last, seed, seen = self._last, self._last.seed, cycle.observation
         if seen.step >= last.trajectory.last_step - 1:
             return None
         rest = last.trajectory.since(seen.step)
-        states = frenet_states(last.seed.road.frame, rest, seen.acceleration)
-        label = last.seed.label
+        states = frenet_states(seed.road.frame, rest, seen.acceleration)
         return Seed(
-            last.seed.road, seen.step, states, last.cost, last.reaches_goal, LAST_PLAN, label
+            seed.road, seen.step, states, last.cost, last.reaches_goal, LAST_PLAN, seed.label
         )
 
-    # -- refinement and verification ----------------------------------------------------------------
+    # -- refinement and verification --------------------------------------------------------------
 
     def _develop(
         self, cycle: _Cycle, seed: Seed, options: list[Option], refused: list[Option]
@@ -208,7 +196,7 @@ class Planner:
         self, cycle: _Cycle, trajectory: Trajectory, seed: Seed, source: str,
         refined: Refined | None,
     ) -> Option:  # fmt: skip
-        """The trajectory ended at the goal, or continued by a fail-safe tail; judged and verified."""
+        """The trajectory ended at the goal, or with a fail-safe tail; judged and verified."""
         with cycle.clock("verify"):
             reached = self._goal_step(trajectory) if seed.reaches_goal else None
             if reached is not None:
@@ -238,7 +226,7 @@ class Planner:
                 return step
         return None
 
-    # -- choice and fallbacks -------------------------------------------------------------------------
+    # -- choice and fallbacks ---------------------------------------------------------------------
 
     def _choose(
         self, cycle: _Cycle, options: list[Option], refused: list[Option]
@@ -285,18 +273,9 @@ class Planner:
         return Option(trajectory, None, float("inf"), False, finding, "emergency braking")
 
 
-def _effort(options: list[Option]) -> Effort:
-    """A plan that goes on to the goal needs no search; without any plan it is worth its time."""
-    if not options:
-        return Effort.ALWAYS
-    return Effort.NEVER if any(o.reaches_goal for o in options) else Effort.IF_NEEDED
-
-
 def _why(refused: list[Option], what: str) -> str:
     """A fallback in words, with what refused the best plans."""
     if not refused:
         return f"{what}: no seed was found"
     reasons = "; ".join(f"{option.source}: {option.finding}" for option in refused[:3])
     return f"{what}: {reasons}"
-
-

@@ -7,11 +7,12 @@ A trajectory holds the states x_k = [x, y, delta, v, psi] at the *rear axle* in 
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]  # of float64; indices and masks are named as such
 
 
 class State(IntEnum):
@@ -92,6 +93,4 @@ class Trajectory:
         if other.first_step != self.last_step:
             raise ValueError(f"continues at {other.first_step}, expected {self.last_step}")
         states = np.vstack([self.states, other.states[1:]])
-        return Trajectory(
-            self.first_step, states, np.vstack([self.inputs, other.inputs]), self.dt
-        )
+        return Trajectory(self.first_step, states, np.vstack([self.inputs, other.inputs]), self.dt)

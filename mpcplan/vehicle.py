@@ -48,9 +48,8 @@ FORD_ESCORT = Vehicle()
 
 def acceleration_limit(v: Array | float, vehicle: Vehicle = FORD_ESCORT) -> Array:
     """Upper bound of the acceleration [m/s^2] at speed v [m/s]: a_max min(1, v_switch / v)."""
-    v = np.maximum(np.asarray(v, dtype=float), vehicle.v_switch)
-    limit: Array = vehicle.a_max * vehicle.v_switch / v
-    return limit
+    fast: Array = np.maximum(np.asarray(v, dtype=float), vehicle.v_switch)
+    return vehicle.a_max * vehicle.v_switch / fast
 
 
 def step(
@@ -93,7 +92,7 @@ def _runge_kutta(
 
 
 def simulate(
-    x0: Sequence[float], inputs: Array, dt: float, first_step: int = 0
+    x0: Sequence[float] | Array, inputs: Array, dt: float, first_step: int = 0
 ) -> Trajectory:
     """The KS model driven from x0 by (n, 2) inputs (columns :class:`Input`)."""
     states = np.empty((len(inputs) + 1, len(State)))

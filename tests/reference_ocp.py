@@ -60,12 +60,20 @@ def road_of(
         return np.full(n, value)
 
     limits = Limits(
-        constant(left), constant(right), constant(0.0), constant(3.5), constant(np.nan),
-        constant(speed), frame.length,
-    )  # fmt: skip
+        left=constant(left),
+        right=constant(right),
+        lane=constant(0.0),
+        lane_left=constant(3.5),
+        lane_right=constant(np.nan),
+        posted=constant(speed),
+        speed=constant(speed),
+        end=frame.length,
+    )
     sides = [frame.to_cartesian(frame.s, np.array(d)) for d in (right, left)]
     area = shapely.Polygon(np.vstack([sides[0], sides[1][::-1]]))
-    return Road(Route((1,)), frame, limits, goals or (GoalWindow(0, 30, None, None, None, None),), area)
+    return Road(
+        Route((1,)), frame, limits, goals or (GoalWindow(0, 30, None, None, None, None),), area
+    )
 
 
 def straight_road(*goals: GoalWindow, length: float = 300.0, **limits: float) -> Road:
@@ -122,7 +130,7 @@ class Reference:
         n: steps N.
         curvature: kappa(s), made of CasADi operations.
         lead: arc length of the leader's centre, inf where there is none.
-        s_max: bound of the rear axle.
+        s_min, s_max: bounds of the rear axle.
         body: (low, high) bounds [m] of the body's sides on a straight road, or None: not asked.
         points: places of the body's axis [m ahead of the axle] that the bounds hold for.
         lateral: bound of the lateral acceleration [m/s^2].
@@ -134,6 +142,7 @@ class Reference:
     n: int
     curvature: Callable[[ca.MX], ca.MX]
     lead: Array
+    s_min: Array
     s_max: Array
     body: tuple[Array, Array] | None
     points: tuple[float, ...]
@@ -166,7 +175,11 @@ def solve(reference: Reference, x_guess: Array, u_guess: Array) -> Optimum:
     _goal(reference, opti, x[:, -1])
     opti.set_initial(x, x_guess.T)
     opti.set_initial(u, u_guess.T)
-    opti.solver("ipopt", {"print_time": False}, {"print_level": 0, "sb": "yes", "max_iter": 500})
+    opti.solver(
+        "ipopt",
+        {"print_time": False, "expand": True},
+        {"print_level": 0, "sb": "yes", "max_iter": 500},
+    )
     found = opti.solve()
     return Optimum(
         np.asarray(found.value(x)).T, np.asarray(found.value(u)).T, float(found.value(opti.f))
@@ -223,7 +236,8 @@ def _bounds(reference: Reference, opti: ca.Opti, x: ca.MX, u: ca.MX) -> None:
     side = v**2 * ca.tan(delta) / CAR["wheelbase"]
     opti.subject_to(opti.bounded(-reference.lateral, side, reference.lateral))
     opti.subject_to(a**2 + side**2 <= (11.5 * reference.config.refine.friction_share) ** 2)
-    opti.subject_to(x[0, 1:].T <= reference.s_max)
+    opti.subject_to(reference.s_min <= x[0, 1:].T)
+    opti.subject_to(reference.s_max >= x[0, 1:].T)
     if reference.body is not None:
         low, high = reference.body
         half = CAR["width"] / 2 * ca.cos(x[2, 1:]).T

@@ -11,6 +11,7 @@ from reference_ocp import straight as no_curvature
 
 from mpcplan.road.frame import Frame
 
+
 def circle(radius: float, angle: float = math.pi) -> Frame:
     """An arc to the left (radius > 0) or to the right, starting at the origin along x."""
     return frame_of(lambda s: np.full_like(s, 1 / radius), round(abs(radius) * angle))
@@ -56,7 +57,7 @@ def test_the_projection_is_the_nearest_point_of_the_path():
     frame = winding(0.08, 50.0)
     rng = np.random.default_rng(3)
     points = frame.to_cartesian(rng.uniform(2, 98, 200), rng.uniform(-6, 6, 200))
-    s, d = frame.to_frenet(points)
+    d = frame.to_frenet(points)[1]
     fine = frame.to_cartesian(np.linspace(0, frame.length, 20001), np.zeros(20001))
     nearest = np.hypot(*(points[:, None] - fine[None]).transpose(2, 0, 1)).min(axis=1)
     assert np.abs(d) == pytest.approx(nearest, abs=1e-3)

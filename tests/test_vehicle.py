@@ -181,9 +181,7 @@ def _arguments(v: float, turn: float, along: float, across: float) -> tuple[floa
     return 0.9 * a, delta, v_delta
 
 
-@given(
-    x=st.floats(-50, 50), y=st.floats(-50, 50), psi=st.floats(-7, 7), margin=st.floats(0.0, 2.0)
-)
+@given(x=st.floats(-50, 50), y=st.floats(-50, 50), psi=st.floats(-7, 7), margin=st.floats(0.0, 2.0))
 def test_rectangles_are_the_body_around_its_centre(x, y, psi, margin):
     states = np.array([[x, y, 0.0, 0.0, psi]])
     corners = rectangles(states, margin=margin)[0]

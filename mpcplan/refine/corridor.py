@@ -11,7 +11,6 @@ import numpy as np
 
 from mpcplan.config import Config
 from mpcplan.predict.occupancy import Occupancy
-from mpcplan.seed.paths import BODY_POINTS
 from mpcplan.seed.seed import Seed, Stage
 from mpcplan.trajectory import Array
 from mpcplan.vehicle import FORD_ESCORT as CAR
@@ -32,7 +31,8 @@ class Corridor:
         d_min, d_max: (N + 1,) bounds from obstacles beside, for every point of the body's axis [m].
         lead: (N + 1,) arc length of the centre of the obstacle that TR1 counts as ahead, else inf.
         slant: (N + 1, 3) columns (n_s, n_d, bound): n_s s_c + n_d d_c <= bound for the body's
-            centre, against the obstacle that only its own axes part from the body; else (0, 0, FAR).
+            centre, against the obstacle that only its own axes part from the body, else
+            (0, 0, FAR).
     """
 
     s_min: Array
@@ -103,7 +103,10 @@ def _slants(
     for m, k in zip(*np.nonzero(tight), strict=True):
         row, turn = rows[m], window.turn[rows[m], k]
         best = None
-        for axis, extent in ((turn, window.length[row, k]), (turn + np.pi / 2, window.width[row, k])):
+        for axis, extent in (
+            (turn, window.length[row, k]),
+            (turn + np.pi / 2, window.width[row, k]),
+        ):
             ds, dd = window.s[row, k] - s_c[k], window.d[row, k] - d_c[k]
             side = 1.0 if ds * np.cos(axis) + dd * np.sin(axis) >= 0 else -1.0
             n_s, n_d = side * np.cos(axis), side * np.sin(axis)

@@ -1,8 +1,8 @@
 """The quadratic subproblem's layout: which entry of its matrices belongs to what.
 
-Variables: stages x_0, u_0, x_1, ..., x_N, then slacks sigma_s, sigma_d, sigma_a for k = 1..N and one
-for the goal. Rows, in blocks: initial state, dynamics, box bounds, acceleration limit, friction and
-lateral acceleration, corridor in s, corridor in d, goal, slacks >= 0. The sparsity is fixed per
+Variables: stages x_0, u_0, x_1, ..., x_N, then slacks sigma_s, sigma_d, sigma_a for k = 1..N and
+one for the goal. Rows, in blocks: initial state, dynamics, box bounds, acceleration limit, friction
+and lateral acceleration, corridor in s, corridor in d, goal, slacks >= 0. The sparsity is fixed per
 horizon, so only data vectors are written in an iteration.
 """
 
@@ -31,8 +31,8 @@ class Layout:
         n: steps N.
         x: (N + 1, 6) and u: (N, 2) columns of the stages.
         slack_s, slack_d, slack_a: (N,) columns; slack_goal: the last column.
-        h_indices, h_indptr: CSC pattern of the Hessian's upper triangle; h_diagonal and h_pair are the
-            places of its diagonal and of its entries (d_k, mu_k), k = 1..N, in the data.
+        h_indices, h_indptr: CSC pattern of the Hessian's upper triangle; h_diagonal and h_pair are
+            the places of its diagonal and of its entries (d_k, mu_k), k = 1..N, in the data.
         rows, cols: positions of all entries of A in the order in which data is given.
         order, indptr, indices: that order's permutation into CSC.
     """

@@ -22,7 +22,7 @@ from mpcplan.vehicle import FORD_ESCORT as CAR
 NX, NU, NPAR = len(Stage), 2, 3
 
 
-def _rates(x: ca.MX, a: ca.MX, w: ca.MX, par: ca.MX) -> ca.MX:
+def _rates(x: ca.SX, a: ca.SX, w: ca.SX, par: ca.SX) -> ca.SX:
     s, d, mu, v, delta = (x[i] for i in range(5))
     kappa = par[0] + par[1] * (s - par[2])
     s_rate = v * ca.cos(mu) / (1 - kappa * d)
@@ -31,7 +31,7 @@ def _rates(x: ca.MX, a: ca.MX, w: ca.MX, par: ca.MX) -> ca.MX:
     )
 
 
-def _step(x: ca.MX, u: ca.MX, par: ca.MX, dt: float) -> ca.MX:
+def _step(x: ca.SX, u: ca.SX, par: ca.SX, dt: float) -> ca.SX:
     a, w = x[Stage.A] + u[0] * dt, u[1]
     y = x[:5]
     k1 = _rates(y, a, w, par)

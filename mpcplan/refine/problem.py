@@ -14,8 +14,8 @@ States x = [s, d, mu, v, delta, a], inputs u = [j, w], steps k = 0..N (see :mod:
 
 with e = d + b sin mu - lane the offset of the body's centre. The slacks have an exact (L1) penalty
 rho. The quadratic model linearises the constraints and takes the Gauss-Newton Hessian; the
-closeness term is convex in s and enters with its own second derivative. Source: project design,
-section 6; Diehl et al.: Fast direct multiple shooting (2006).
+closeness term is convex in s and enters with its own second derivative.
+Source: Diehl et al.: Fast direct multiple shooting algorithms (2006).
 """
 
 from dataclasses import dataclass

@@ -59,7 +59,12 @@ class OsqpSolver:
         self._y: Array | None = None
 
     def solve(
-        self, hessian: sp.csc_matrix, gradient: Array, matrix: sp.csc_matrix, low: Array, high: Array
+        self,
+        hessian: sp.csc_matrix,
+        gradient: Array,
+        matrix: sp.csc_matrix,
+        low: Array,
+        high: Array,
     ) -> Answer:
         """The step of a subproblem; sparsity must not change between calls."""
         d = self._columns

@@ -74,7 +74,7 @@ def _goal_at_end(seed: Seed) -> GoalWindow | None:
     goals = [goal for goal in seed.road.goals if goal.first <= last <= goal.last]
     v = seed.states[-1:, Stage.V]
     fitting = [goal for goal in goals if speed_fits(goal, v)[0]]
-    return (fitting or goals or [None])[0]
+    return next(iter(fitting or goals), None)
 
 
 def _inputs(z: Iterate, v0: float, dt: float) -> Array:

@@ -33,9 +33,12 @@ class Kkt:
     bounds: float
     complementarity: float
 
-    def as_dict(self) -> dict[str, float]:
-        """For the trace."""
-        return {name: float(f"{value:.3e}") for name, value in vars(self).items()}
+    def as_dict(self) -> dict[str, float | None]:
+        """For the trace; None where no subproblem was solved."""
+        return {
+            name: float(f"{value:.3e}") if np.isfinite(value) else None
+            for name, value in vars(self).items()
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +80,7 @@ def solve(problem: Problem, config: RefineConfig) -> SqpResult:
     before = problem.objective(z) + problem.penalty(z)
     status, qp_iterations, iteration = "iteration limit", 0, 0
     multipliers: Array | None = None
-    for iteration in range(1, config.iterations + 1):
+    for iteration in range(1, config.iterations + 1):  # noqa: B007 (told in the result)
         model = problem.quadratic(z)
         answer = solver.solve(model.hessian, model.gradient, model.matrix, model.low, model.high)
         qp_iterations += answer.iterations

@@ -58,9 +58,7 @@ def goal_windows(
     return tuple(window for window in windows if window is not None)
 
 
-def _window(
-    state: TraceState, frame: Frame, start: float, last_step: int
-) -> GoalWindow | None:
+def _window(state: TraceState, frame: Frame, start: float, last_step: int) -> GoalWindow | None:
     first, last = 0, last_step
     if state.has_value("time_step"):
         first, last = (int(v) for v in _interval(state.time_step))

@@ -8,8 +8,8 @@ and smoothed: with samples q_i of the joined line at arc lengths t_i, the path m
 over all curves, whose solution is a natural cubic spline (Reinsch 1967), so that heading and
 curvature are continuous. lambda grows until the curvature stays below the configured bound.
 Where a route changes lanes, the path lies on the later lane as early as that lane exists, and the
-lateral motion into it is left to the planner. In curves the path is meant for the rear axle: it runs
-inside the lane's centre, so that the whole body is centred in the lane.
+lateral motion into it is left to the planner. In curves the path is meant for the rear axle: it
+runs inside the lane's centre, so that the whole body is centred in the lane.
 """
 
 import numpy as np
@@ -174,9 +174,7 @@ def _cut(line: Array, start: Array, behind: float, ahead: float) -> Array:
     return resample(line, SAMPLING, max(at - behind, 0.0), min(at + ahead, _total(line)))
 
 
-def resample(
-    line: Array, spacing: float, first: float = 0.0, last: float | None = None
-) -> Array:
+def resample(line: Array, spacing: float, first: float = 0.0, last: float | None = None) -> Array:
     """Points of a polyline at uniform arc lengths between ``first`` and ``last`` [m]."""
     along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line, axis=0).T))])
     last = along[-1] if last is None else last

@@ -14,7 +14,6 @@ from mpcplan.road.goal import GoalWindow, goal_windows
 from mpcplan.road.limits import Limits, build_limits, drivable_area
 from mpcplan.road.reference import build_frame
 from mpcplan.road.route import Route, find_routes
-from mpcplan.trajectory import Array
 
 OPEN_END_STEP = 200  # last time step where the goal sets no time
 ACCELERATION = 3.0  # m/s^2, mean acceleration for which the reference is long enough
@@ -75,7 +74,8 @@ def build_roads(
             reasons.append(f"{route.lanelets}: its path does not meet the goal region ahead")
     if not roads:
         raise RoadError(
-            f"planning problem {problem.planning_problem_id}: no usable route; " + "; ".join(reasons)
+            f"planning problem {problem.planning_problem_id}: no usable route; "
+            + "; ".join(reasons)
         )
     return tuple(roads)
 

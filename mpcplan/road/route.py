@@ -8,7 +8,7 @@ networkx). Without a goal position the routes are the ways on along the lane, tu
 import logging
 from collections.abc import Iterator
 from dataclasses import dataclass
-from itertools import islice
+from itertools import islice, pairwise
 
 import networkx as nx
 import numpy as np
@@ -153,7 +153,7 @@ def neighbours(lanelet: Lanelet) -> list[int]:
 
 
 def _length(graph: nx.DiGraph, path: list[int]) -> float:
-    return float(sum(graph.edges[a, b]["length"] for a, b in zip(path, path[1:], strict=False)))
+    return float(sum(graph.edges[a, b]["length"] for a, b in pairwise(path)))
 
 
 def _onward_routes(network: LaneletNetwork, starts: list[int]) -> Iterator[tuple[int, ...]]:

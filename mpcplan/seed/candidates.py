@@ -8,7 +8,7 @@ from mpcplan.config import Config, SeedConfig
 from mpcplan.predict.occupancy import Occupancy
 from mpcplan.road.road import Road
 from mpcplan.seed.blocked import Blocked, block
-from mpcplan.seed.lattice import Lattice, lattice
+from mpcplan.seed.lattice import Lattice, differ, lattice
 from mpcplan.seed.search import as_seed, search
 from mpcplan.seed.seed import Seed, SeedReport
 from mpcplan.trajectory import Array
@@ -74,3 +74,16 @@ def _searched(
             seeds.append(as_seed(road, grid.paths, path, a, found, source, step, dt))
     reaching = sum(seed.reaches_goal for seed in seeds)
     return seeds, SeedReport(source, len(wanted), len(seeds), reaching)
+
+
+def distinct(seeds: list[Seed], count: int) -> list[Seed]:
+    """The first ``count`` seeds that differ from each other by metres, or lie on other roads."""
+    chosen: list[Seed] = []
+    for seed in seeds:
+        if len(chosen) == count:
+            break
+        if all(
+            seed.road is not other.road or differ(seed.states, other.states) for other in chosen
+        ):
+            chosen.append(seed)
+    return chosen

@@ -9,6 +9,7 @@ the smallest violation; the cost is TR1 up to the first step at which a goal win
 plus a penalty where no goal is met. All arrays, no loop over candidates.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,7 +31,7 @@ STEERING_SHARE = 0.95  # of the steering rate that seeds may use
 ACCELERATION_SHARE = 0.97  # of the acceleration that seeds may use
 DENSE_STEPS = 50  # horizons up to this many steps are looked at at every step
 DISTINCT = 4.0  # m, finalists differ by this much somewhere
-SPEEDING = 2.0  # 1/(m^2/s^3), weight of the squared excess over the speed limit
+SPEEDING = 0.5  # 1/(m^2/s^3), weight of the squared excess over the speed limit
 LEADER_TIMES = (2.0, 4.0)  # s, at which leaders are followed
 
 
@@ -66,7 +67,12 @@ class Lattice:
 
 
 def lattice(
-    road: Road, state: Array, acceleration: float, step: int, occupancy: Occupancy, config: Config,
+    road: Road,
+    state: Array,
+    acceleration: float,
+    step: int,
+    occupancy: Occupancy,
+    config: Config,
     dt: float,
 ) -> Lattice:
     """The best candidates of the lattice, best first, and the report of the others.
@@ -96,7 +102,9 @@ def lattice(
     violations = _violations(paths, profiles, blocked, table, config)
     cost = _cost(road, paths, profiles, blocked, table, dt, config)
     slack = _slacks(config)
-    accepted = np.all([v <= slack.get(n, 0.0) + TOLERANCE for n, (v, _) in violations.items()], axis=0)
+    accepted = np.all(
+        [v <= slack.get(n, 0.0) + TOLERANCE for n, (v, _) in violations.items()], axis=0
+    )
     for name in slack:
         cost = cost + config.seed.slack_cost * np.maximum(violations[name][0], 0.0)
     report = _report(broken, violations, accepted, table, blocked, window, step)
@@ -128,8 +136,8 @@ def _profiles(
     for goal in road.goals:
         if goal.s is None or goal.last <= step:
             continue
-        low, high = (
-            np.interp(np.array(goal.s) - CAR.rear_to_centre, along, paths.spacing * np.arange(len(along)))
+        low, high = np.interp(
+            np.array(goal.s) - CAR.rear_to_centre, along, paths.spacing * np.arange(len(along))
         )
         v = goal.v or (0.0, config.road.speed_max)
         for at in sorted({max(goal.first, step + 1), goal.last}):
@@ -138,8 +146,8 @@ def _profiles(
     leaders = _leaders(window, paths, t)
     limit = max(float(road.limits.speed[np.searchsorted(road.frame.s, pose.s) :][:200].max()), 3.0)
     profiles = sample_profiles(motion, arrivals, leaders, t, limit, config.seed)
-    v = np.where(np.abs(profiles.v) < 1e-9, 0.0, profiles.v)
-    return Profiles(np.maximum(profiles.sigma, 0.0), v, profiles.a)
+    speeds = np.where(np.abs(profiles.v) < 1e-9, 0.0, profiles.v)
+    return Profiles(np.maximum(profiles.sigma, 0.0), speeds, profiles.a)
 
 
 def _leaders(window: Occupancy, paths: Paths, t: Array) -> Array:
@@ -153,7 +161,9 @@ def _leaders(window: Occupancy, paths: Paths, t: Array) -> Array:
             ahead = (window.s[:, k] > s[0]) & (window.s[:, k] < s[-1]) & (offset < CAR.width)
         if k and ahead.any():
             row = np.flatnonzero(ahead)[np.argmin(window.s[ahead, k])]
-            touch = np.interp(window.s_low[row, k] - CAR.front, s, paths.spacing * np.arange(len(s)))
+            touch = np.interp(
+                window.s_low[row, k] - CAR.front, s, paths.spacing * np.arange(len(s))
+            )
             rows.append((t[k], touch, max(window.v[row, k], 0.0)))
     return np.array(rows).reshape(-1, 3)
 
@@ -168,7 +178,7 @@ def _table(road: Road, paths: Paths, profiles: Profiles, step: int, dt: float) -
         in_time = (ks + step >= goal.first) & (ks + step <= goal.last)
         in_time = in_time & speed_fits(goal, profiles.v[:, ks])
         reached |= in_time[None] & pose_fits(goal, road, paths)[:, index]
-    hit = reached.any(axis=2)
+    hit: Array = np.any(reached, axis=2)
     k_end = np.where(hit, reached.argmax(axis=2), len(ks) - 1)
     alive = np.arange(len(ks)) <= k_end[:, :, None]
     return Table(ks, np.diff(ks, prepend=0) * dt, index, k_end, hit, alive)
@@ -276,7 +286,7 @@ def _report(
         obstacle = at = None
         if name == "collision":
             where = np.unravel_index(np.argmin(np.where(bad, violation, np.inf)), bad.shape)
-            obstacle, at = _first_hit(where, table, blocked, window, step)
+            obstacle, at = _first_hit([int(value) for value in where], table, blocked, window, step)
         smallest = round(float(violation[bad].min()), 4)
         rejected[name] = Rejection(count, smallest, unit, obstacle, at)
     candidates = paths * len(next(iter(broken.values()))[0])
@@ -285,10 +295,10 @@ def _report(
 
 
 def _first_hit(
-    where: tuple[Array, ...], table: Table, blocked: Blocked, window: Occupancy, step: int
+    where: Sequence[int], table: Table, blocked: Blocked, window: Occupancy, step: int
 ) -> tuple[int | None, int | None]:
     """Obstacle and time step of a candidate's first collision."""
-    p, i = (int(value) for value in where)
+    p, i = where
     owner = np.where(table.alive[p, i], blocked.owner[p, table.ks, table.index[i]], -1)
     hits = np.flatnonzero(owner[1:] >= 0) + 1
     if not len(hits):
@@ -308,12 +318,13 @@ def _finalists(
         if not accepted[p, i] or len(seeds) == config.seed.finalists:
             break
         seed = _seed(road, paths, profiles, table, p, i, float(cost[p, i]), step)
-        if all(_differ(seed.states, other.states) for other in seeds):
+        if all(differ(seed.states, other.states) for other in seeds):
             seeds.append(seed)
     return seeds
 
 
-def _differ(a: Array, b: Array) -> bool:
+def differ(a: Array, b: Array) -> bool:
+    """Whether two Frenet trajectories are metres apart somewhere."""
     n = min(len(a), len(b))
     gap = np.abs(a[:n, [Stage.S, Stage.D]] - b[:n, [Stage.S, Stage.D]])
     return bool(gap[:, 0].max() > DISTINCT or gap[:, 1].max() > CAR.width / 2)

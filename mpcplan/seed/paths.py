@@ -96,9 +96,7 @@ def sample_paths(
     return _geometry(road, pose, ds, d, d1, d2, target)
 
 
-def _moves(
-    road: Road, pose: FrenetPose, window: Occupancy, config: SeedConfig
-) -> _Moves:
+def _moves(road: Road, pose: FrenetPose, window: Occupancy, config: SeedConfig) -> _Moves:
     """All lateral moves, the plain lane keeping first."""
     pairs = [(offset, length) for length in config.lengths for offset in config.offsets]
     pairs.sort(key=lambda pair: (abs(pair[0]), pair[1]))
@@ -143,9 +141,7 @@ def _around(
     return rows
 
 
-def _offsets(
-    road: Road, pose: FrenetPose, moves: _Moves, ds: Array
-) -> tuple[Array, Array, Array]:
+def _offsets(road: Road, pose: FrenetPose, moves: _Moves, ds: Array) -> tuple[Array, Array, Array]:
     """d, d', d'' over ds, each (p, n)."""
     kappa = float(road.frame.curvature(np.array(pose.s)))
     slope = float(road.frame.curvature_slope(np.array(pose.s)))

@@ -9,8 +9,10 @@ import numpy as np
 
 from mpcplan.trajectory import Array
 
+Value = Array | float
 
-def quintic(x0: Array, v0: Array, a0: Array, x1: Array, v1: Array, a1: Array, t1: Array) -> Array:
+
+def quintic(x0: Value, v0: Value, a0: Value, x1: Value, v1: Value, a1: Value, t1: Value) -> Array:
     """(..., 6) coefficients with p(0), p'(0), p''(0) and p(t1), p'(t1), p''(t1) as given."""
     x0, v0, a0, x1, v1, a1, t1 = np.broadcast_arrays(x0, v0, a0, x1, v1, a1, t1)
     dx = x1 - (x0 + v0 * t1 + a0 * t1**2 / 2)
@@ -22,7 +24,7 @@ def quintic(x0: Array, v0: Array, a0: Array, x1: Array, v1: Array, a1: Array, t1
     return np.stack([x0, v0, a0 / 2, c3, c4, c5], axis=-1)
 
 
-def quartic(x0: Array, v0: Array, a0: Array, v1: Array, a1: Array, t1: Array) -> Array:
+def quartic(x0: Value, v0: Value, a0: Value, v1: Value, a1: Value, t1: Value) -> Array:
     """(..., 6) coefficients (the last 0) with p(0), p'(0), p''(0), p'(t1), p''(t1) as given."""
     x0, v0, a0, v1, a1, t1 = np.broadcast_arrays(x0, v0, a0, v1, a1, t1)
     dv = v1 - (v0 + a0 * t1)

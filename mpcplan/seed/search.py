@@ -11,6 +11,7 @@ of polynomials misses. Source: hybrid A* (Dolgov et al. 2010) with time as the o
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -28,7 +29,7 @@ CELL_SIGMA = 0.75  # m, labels this close
 CELL_V = 0.5  # m/s, and this close in speed share a cell
 LONG_STEPS = 50  # horizons beyond this have cells
 LONG_CELLS = 1.5  # times as large
-SPEEDING = 2.0  # 1/(m^2/s^3), weight of the squared excess over the speed limit
+SPEEDING = 0.5  # 1/(m^2/s^3), weight of the squared excess over the speed limit
 ACTUATOR_SHARE = 0.95  # of the limits that the search uses
 ROLLING = 1e-6  # m/s, slower is standing
 
@@ -80,10 +81,10 @@ def search(
     tables = _tables(road, paths, blocked, path, config)
     fits = [pose_fits(goal, road, paths)[path] for goal in road.goals]
     bounds = _layer_bounds(road, step, blocked.owner.shape[1] - 1, config.seed.search_steps)
-    start = Labels(*(np.array([x]) for x in (0.0, max(v, 0.0), a, 0.0)), np.array([-1]))
+    start = Labels(*(np.array([x]) for x in (0.0, max(v, 0.0), a, 0.0, -1)))
     layers, best = [start], None
     coarse = LONG_CELLS if bounds[-1] > LONG_STEPS else 1.0
-    for first, last in zip(bounds, bounds[1:], strict=False):
+    for first, last in pairwise(bounds):
         grown = _grow(layers[-1], tables, first, last, config, dt)
         if grown is None:
             break

@@ -86,3 +86,27 @@ class SeedReport:
             "reaching_goal": self.reaching_goal,
             "rejected": {name: r.as_dict() for name, r in self.rejected.items()},
         }
+
+
+def merged(reports: list[SeedReport]) -> list[SeedReport]:
+    """One report per source: the counts of all roads together, the smallest violation of each."""
+    sources: dict[str, SeedReport] = {}
+    for report in reports:
+        known = sources.get(report.source)
+        sources[report.source] = report if known is None else _together(known, report)
+    return list(sources.values())
+
+
+def _together(a: SeedReport, b: SeedReport) -> SeedReport:
+    rejected = dict(a.rejected)
+    for name, other in b.rejected.items():
+        one = rejected.get(name)
+        if one is None:
+            rejected[name] = other
+            continue
+        least = min(one, other, key=lambda r: r.smallest_violation)
+        rejected[name] = replace(least, count=one.count + other.count)
+    return SeedReport(
+        a.source, a.candidates + b.candidates, a.accepted + b.accepted,
+        a.reaching_goal + b.reaching_goal, rejected,
+    )  # fmt: skip

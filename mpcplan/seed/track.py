@@ -49,7 +49,7 @@ def frenet_inputs(frame: Frame, target: Array, state: Array, dt: float) -> Array
     """(n, 2) inputs that track (n + 1, 6) Frenet states (columns :class:`Stage`)."""
     s0, d0, mu0 = (float(v) for v in target[0, [Stage.S, Stage.D, Stage.MU]])
     delta, v = float(state[2]), float(state[3])
-    x = (s0, d0, mu0, v, delta)
+    x: tuple[float, ...] = (s0, d0, mu0, v, delta)
     curvature = np.interp(target[:, Stage.S], frame.s, frame.kappa).tolist()
     rows = target.tolist()
     inputs = []

@@ -15,9 +15,7 @@ RETURN = 15.0  # m, over which the heading error is steered out
 MAX_STEPS = 150
 
 
-def braking_tail(
-    road: Road, state: Array, step: int, deceleration: float, dt: float
-) -> Trajectory:
+def braking_tail(road: Road, state: Array, step: int, deceleration: float, dt: float) -> Trajectory:
     """Braking to rest from a rear-axle state at a constant deceleration, along the reference."""
     v = float(max(state[State.V], 0.0))
     count = min(int(np.ceil(v / (deceleration * dt))) + round(STANDSTILL / dt), MAX_STEPS)
