@@ -139,7 +139,15 @@ class RefineConfig(Section):
     iterations: int = par(12, "1", "SQP iterations at most", ge=1, le=200)
     tolerance: float = par(2e-3, "1", "scaled step at which the iteration ends", gt=0, le=1)
     gain: float = par(5e-4, "1", "relative gain at which the iteration ends", ge=0, le=1)
-    qp_iterations: int = par(400, "1", "OSQP iterations at most per subproblem", ge=10, le=100000)
+    damping: float = par(
+        0.001, "1", "Levenberg-Marquardt damping at the start, in units of typical steps", ge=0, le=10
+    )
+    backend: Literal["osqp", "piqp", "osqp then piqp"] = par(
+        "osqp then piqp",
+        "",
+        "QP solver of the subproblems; 'then': where OSQP's answer could not be polished",
+    )
+    qp_iterations: int = par(150, "1", "OSQP iterations at most per subproblem", ge=10, le=100000)
     qp_tolerance: float = par(1e-4, "1", "OSQP's absolute and relative tolerance", gt=0, le=0.1)
     line_search: int = par(6, "1", "halvings of a step at most", ge=0, le=30)
     penalty_lon: float = par(

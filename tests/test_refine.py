@@ -16,7 +16,7 @@ from mpcplan.predict.occupancy import Occupancy
 from mpcplan.refine.corridor import build_corridor
 from mpcplan.refine.model import linearise, propagate
 from mpcplan.refine.problem import SLACK_CURVATURE, Iterate, Problem
-from mpcplan.refine.qp import Answer, OsqpSolver
+from mpcplan.refine.qp import Answer, QpSolver
 from mpcplan.refine.refine import refine
 from mpcplan.refine.sqp import SqpResult, solve
 from mpcplan.road.goal import GoalWindow
@@ -282,7 +282,7 @@ def test_dynamics_rows_are_the_finite_differences_of_the_defects(number):
 def test_the_hessian_is_positive_semidefinite_and_matches_the_convex_terms():
     problem = busy_problem(goal=False)
     z = problem.initial()
-    upper = problem.hessian(z).toarray()
+    upper = problem.quadratic(z).hessian.toarray()
     whole = upper + np.triu(upper, 1).T
     assert np.linalg.eigvalsh(whole).min() >= 0
     for column in (problem.layout.u[3, 0], problem.layout.u[3, 1], problem.layout.x[4, Stage.S]):
@@ -539,7 +539,7 @@ def failing(*_: object) -> Answer:
 
 
 def test_a_failed_subproblem_leaves_the_seed_and_says_so(monkeypatch):
-    monkeypatch.setattr(OsqpSolver, "solve", failing)
+    monkeypatch.setattr(QpSolver, "solve", failing)
     seed, _, result = refined()
     assert result is not None and result.result.status == "subproblem failed: failed"
     assert result.result.cost_after == result.result.cost_before

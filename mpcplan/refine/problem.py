@@ -316,10 +316,12 @@ class Problem:
         g[slack] = self.penalty_weights() + SLACK_CURVATURE * self.slacks(z)
         return g
 
-    def hessian(self, z: Iterate) -> sp.csc_matrix:
-        """Gauss-Newton Hessian, upper triangle (diagonal but for the pairs (d, mu))."""
+    def hessian(self, z: Iterate, damping: float) -> sp.csc_matrix:
+        """Gauss-Newton Hessian with Levenberg-Marquardt damping in units of the typical sizes;
+        upper triangle (diagonal but for the pairs (d, mu))."""
         lay, cost, dt = self.layout, self.config.cost, self.dt
-        h = np.full(lay.n_vars, DAMPING)
+        h = DAMPING + damping / self.scales() ** 2
+        h[lay.slack_s[0] :] = DAMPING
         x = z.x[1:]
         h[lay.u[:, 0]] += 2 * dt * cost.jerk
         h[lay.u[:, 1]] += 2 * dt * cost.steering_rate
@@ -333,7 +335,7 @@ class Problem:
         h[lay.slack_s[0] :] += SLACK_CURVATURE
         return lay.hessian(h, 2 * dt * cost.lane * arm)
 
-    def quadratic(self, z: Iterate) -> Quadratic:
+    def quadratic(self, z: Iterate, damping: float = 0.0) -> Quadratic:
         """The quadratic model at an iterate, in the step p."""
         after, jacobian = linearise(z.x[:-1], z.u, self.curvatures(z.x), self.dt)
         defect = z.x[1:] - after
@@ -350,7 +352,7 @@ class Problem:
         high_all = [start, defect.T.ravel(), box_high - box, high - value + soft_slack[1],
                     np.full(len(slack), FREE)]  # fmt: skip
         return Quadratic(
-            self.hessian(z), self.gradient(z), self.layout.matrix(data),
+            self.hessian(z, damping), self.gradient(z), self.layout.matrix(data),
             np.maximum(np.concatenate(low_all), -FREE), np.minimum(np.concatenate(high_all), FREE),
         )  # fmt: skip
 

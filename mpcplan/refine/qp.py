@@ -1,21 +1,29 @@
-"""OSQP behind one call: min p' H p / 2 + g' p  s.t.  low <= A p <= high.
+"""The quadratic subproblems' solvers: min p' H p / 2 + g' p  s.t.  low <= A p <= high.
 
-Variables are scaled by typical sizes and rows by their largest entry before OSQP sees them: on
-recorded subproblems this halves the iterations against OSQP's own scaling; polishing then gives
-the digits that the exact penalties need. Only iterations are limited, never time, so that the same
-problem gives the same answer on every machine.
-Source: Stellato et al.: OSQP, Mathematical Programming Computation 12 (2020).
+OSQP is asked first. Variables are scaled by typical sizes and rows by their largest entry before
+it sees them, and its answer is polished; where polishing does not succeed, the answer is only as
+good as ADMM's tolerance, which costs the refinement up to a fifth of its result in lane changes.
+Such a subproblem is handed to an interior-point solver (PIQP through CasADi), which is exact at
+about the same price. Only iterations are limited, never time, so that the same problem gives the
+same answer on every machine.
+
+Sources: Stellato et al.: OSQP, Mathematical Programming Computation 12 (2020); Schwan, Jiang, Kuhn,
+Jones: PIQP, a proximal interior-point quadratic programming solver (CDC 2023).
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
+import casadi as ca
 import numpy as np
 import osqp
 import scipy.sparse as sp
 
 from mpcplan.trajectory import Array
 
-SOLVED = {"solved", "solved inaccurate", "maximum iterations reached"}
+POLISHED, EXACT = "solved and polished", "solved by interior point"
+SOLVED = {POLISHED, EXACT, "solved", "solved inaccurate", "maximum iterations reached"}
 RHO = 1.0
 COST = 10.0  # scale of the cost against the constraints
 RHO_INTERVAL = 25  # iterations between updates of rho; the default goes by wall-clock time
@@ -38,12 +46,19 @@ class Answer:
         return self.status in SOLVED and bool(np.isfinite(self.p).all())
 
 
-class OsqpSolver:
-    """One OSQP workspace for subproblems of the same sparsity, warm-started between them."""
+Backend = Literal["osqp", "piqp", "osqp then piqp"]
+Scaled = tuple[sp.csc_matrix, Array, sp.csc_matrix, Array, Array]
 
-    def __init__(self, columns: Array, iterations: int, tolerance: float) -> None:
+
+class QpSolver:
+    """Solves subproblems of one sparsity one after the other, warm-started where possible."""
+
+    def __init__(
+        self, columns: Array, backend: Backend, iterations: int, tolerance: float
+    ) -> None:
         """``columns`` (n,) are the typical sizes of the variables."""
-        self._columns = columns
+        self._columns, self._backend = columns, backend
+        self._interior: Callable[[Scaled], Answer] = PiqpSolver()
         self._settings = {
             "verbose": False,
             "max_iter": iterations,
@@ -76,13 +91,26 @@ class OsqpSolver:
         np.maximum.at(largest, a.indices, np.abs(a.data))
         r = 1.0 / largest
         a.data *= r[a.indices]
-        return self._run(h, gradient * d * COST, a, low * r, high * r, d, r)
+        scaled = (h, gradient * d * COST, a, low * r, high * r)
+        answer = self._answer(scaled, r)
+        self._y = answer.y * r / COST
+        return Answer(answer.p * d, self._y, answer.status, answer.iterations)
 
-    def _run(
-        self, h: sp.csc_matrix, g: Array, a: sp.csc_matrix, low: Array, high: Array, d: Array,
-        r: Array,
-    ) -> Answer:  # fmt: skip
-        """Solves the scaled problem and scales the answer back."""
+    def _answer(self, scaled: Scaled, r: Array) -> Answer:
+        """The answer to a scaled problem, by the configured solvers."""
+        first = None if self._backend == "piqp" else self._osqp(scaled, r)
+        if first is not None and (self._backend == "osqp" or first.status == POLISHED):
+            return first
+        exact = self._interior(scaled)
+        if first is None:
+            return exact
+        total = first.iterations + exact.iterations
+        best = exact if exact.usable else first
+        return Answer(best.p, best.y, best.status, total)
+
+    def _osqp(self, scaled: Scaled, r: Array) -> Answer:
+        """OSQP's answer to a scaled problem."""
+        h, g, a, low, high = scaled
         if self._solver is None:
             self._solver = osqp.OSQP()
             self._solver.setup(h, g, a, low, high, **self._settings)
@@ -93,5 +121,35 @@ class OsqpSolver:
         result = self._solver.solve()
         if result.x is None or result.x[0] is None:
             return Answer(np.zeros(len(g)), np.zeros(len(low)), "failed", 0)
-        self._y = result.y * r / COST
-        return Answer(result.x * d, self._y, result.info.status, int(result.info.iter))
+        status = POLISHED if result.info.status_polish == 1 else result.info.status
+        return Answer(result.x, result.y, status, int(result.info.iter))
+
+
+class PiqpSolver:
+    """PIQP through CasADi, one workspace per sparsity."""
+
+    def __init__(self) -> None:
+        self._solver: ca.Function | None = None
+
+    def __call__(self, scaled: Scaled) -> Answer:
+        """The answer to a scaled problem."""
+        upper, g, a, low, high = scaled
+        h = (upper + sp.triu(upper, 1).T).tocsc()
+        h.sort_indices()
+        if self._solver is None:
+            self._h, self._a = (_pattern(m) for m in (h, a))
+            options = {"error_on_fail": False, "print_time": False}
+            self._solver = ca.conic("qp", "piqp", {"h": self._h, "a": self._a}, options)
+        found = self._solver(
+            h=ca.DM(self._h, h.data), g=g, a=ca.DM(self._a, a.data), lba=low, uba=high
+        )
+        stats = self._solver.stats()
+        status = EXACT if stats["success"] else f"failed ({stats.get('return_status', '?')})"
+        p, y = (np.asarray(found[name]).ravel() for name in ("x", "lam_a"))
+        return Answer(p, y, status, int(stats.get("iter_count", 0) or 0))
+
+
+def _pattern(matrix: sp.csc_matrix) -> ca.Sparsity:
+    """A CSC matrix's sparsity as CasADi's."""
+    rows, columns = matrix.shape
+    return ca.Sparsity(rows, columns, matrix.indptr.tolist(), matrix.indices.tolist())

@@ -13,7 +13,7 @@ import numpy as np
 
 from mpcplan.config import RefineConfig
 from mpcplan.refine.problem import STATE_SCALE, Iterate, Problem, Quadratic
-from mpcplan.refine.qp import OsqpSolver
+from mpcplan.refine.qp import QpSolver
 from mpcplan.seed.seed import Stage
 from mpcplan.trajectory import Array
 
@@ -21,6 +21,7 @@ STEP_SCALE = np.array(STATE_SCALE)
 DEFECT_PENALTY = 200.0  # rho of the merit function, at least
 DEFECT_TOLERANCE = 1e-3
 ARMIJO = 1e-6
+DAMPING_LESS, DAMPING_MORE = 0.3, 4.0  # after a whole step, after a short one
 STALLED = 0.1  # scaled step below which no descent means that the optimum is reached
 
 
@@ -75,13 +76,16 @@ class SqpResult:
 
 def solve(problem: Problem, config: RefineConfig) -> SqpResult:
     """Solves a problem from its seed."""
-    solver = OsqpSolver(problem.scales(), config.qp_iterations, config.qp_tolerance)
+    solver = QpSolver(
+        problem.scales(), config.backend, config.qp_iterations, config.qp_tolerance
+    )
     z = problem.initial()
     before = problem.objective(z) + problem.penalty(z)
     status, qp_iterations, iteration = "iteration limit", 0, 0
     multipliers: Array | None = None
+    damping = config.damping
     for iteration in range(1, config.iterations + 1):  # noqa: B007 (told in the result)
-        model = problem.quadratic(z)
+        model = problem.quadratic(z, damping)
         answer = solver.solve(model.hessian, model.gradient, model.matrix, model.low, model.high)
         qp_iterations += answer.iterations
         if not answer.usable:
@@ -92,7 +96,8 @@ def solve(problem: Problem, config: RefineConfig) -> SqpResult:
         if moved is None:
             status = "no descent"
             break
-        z, size, gain = moved
+        z, size, gain, share = moved
+        damping *= DAMPING_LESS if share == 1.0 else DAMPING_MORE if share < 0.5 else 1.0
         settled = size < config.tolerance or gain < config.gain * (1.0 + before)
         if settled and np.abs(problem.defects(z)).max() < DEFECT_TOLERANCE:
             status = "converged"
@@ -130,8 +135,8 @@ def _merit(problem: Problem, z: Iterate, rho: float) -> float:
 
 def _line_search(
     problem: Problem, z: Iterate, p: Array, y: Array, halvings: int
-) -> tuple[Iterate, float, float] | None:
-    """The first shortened step that lowers the merit function, its scaled size, and by how much."""
+) -> tuple[Iterate, float, float, float] | None:
+    """The first shortened step that lowers the merit function: iterate, scaled size, gain, share."""
     dx, du = _split(problem, p)
     dynamics = slice(len(Stage), len(Stage) * (problem.n + 1))
     rho = max(DEFECT_PENALTY, 1.2 * float(np.abs(y[dynamics]).max()))
@@ -141,8 +146,8 @@ def _line_search(
         trial = Iterate(z.x + alpha * dx, z.u + alpha * du)
         gain = before - _merit(problem, trial, rho)
         if gain >= ARMIJO * alpha * abs(before):
-            return trial, alpha * whole, gain
+            return trial, alpha * whole, gain, alpha
         alpha /= 2
     if whole < STALLED:
-        return z, 0.0, 0.0  # the model finds nothing better nearby: this is the optimum
+        return z, 0.0, 0.0, 1.0  # the model finds nothing better nearby: this is the optimum
     return None

@@ -1,0 +1,390 @@
+"""Planner and closed loop: verified plans, determinism, no knowledge of the future, fallbacks."""
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import made
+import numpy as np
+import pytest
+from commonroad.common.solution import CommonRoadSolutionWriter
+from commonroad.geometry.shape import Rectangle
+from commonroad.scenario.obstacle import ObstacleType, StaticObstacle
+
+from mpcplan.config import Config
+from mpcplan.observation import Observation, Snapshot
+from mpcplan.plan import Plan
+from mpcplan.planner import Planner
+from mpcplan.predict.recorded import record
+from mpcplan.refine.qp import Answer, QpSolver
+from mpcplan.road.goal import is_reached
+from mpcplan.scenario import LoadedScenario, load
+from mpcplan.simulate.loop import HISTORY, drive
+from mpcplan.simulate.recorded import RecordedTraffic
+from mpcplan.simulate.run import Run
+from mpcplan.trajectory import State
+from mpcplan.verify.drivability import separation, verify
+
+FOLDER = Path(__file__).resolve().parents[1] / "scenarios"
+
+
+def bundled(name: str) -> LoadedScenario:
+    """A bundled scenario, read anew."""
+    return load(FOLDER / f"ZAM_{name}-1_1_T-1.xml")
+
+
+def configured(**sections: dict) -> Config:
+    """A configuration with other parameters in some sections."""
+    config = Config()
+    changed = {n: getattr(config, n).model_copy(update=values) for n, values in sections.items()}
+    return config.model_copy(update=changed)
+
+
+BLIND = configured(predict={"kind": "constant_input"})
+
+
+def first_look(loaded: LoadedScenario) -> Observation:
+    """What is seen at the start."""
+    problem = loaded.problems[0]
+    now = RecordedTraffic(loaded.scenario).at(problem.first_step)
+    return Observation(problem.first_step, problem.start, 0.0, (now,))
+
+
+def planned(loaded: LoadedScenario, config: Config | None = None) -> Plan:
+    """The first plan of a scenario's first problem."""
+    return Planner(loaded, loaded.problems[0], config).plan(first_look(loaded))
+
+
+def solution_bytes(run: Run) -> bytes:
+    """The solution file of a run."""
+    return CommonRoadSolutionWriter(run.solution()).dump().encode()
+
+
+# -- plans ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["FreeRoad", "TimeOnly", "Follow", "HardBrake"])
+def test_a_plan_starts_now_and_passes_verification(name):
+    loaded = bundled(name)
+    planner = Planner(loaded, loaded.problems[0])
+    plan = planner.plan(first_look(loaded))
+    assert plan.trajectory.first_step == 0
+    assert np.array_equal(plan.trajectory.states[0], loaded.problems[0].start)
+    assert plan.finding.ok and plan.trace["fallback"] is None
+    forecast = record(loaded.scenario)
+    assert verify(plan.trajectory, forecast, planner.roads[0].area, planner.config.verify).ok
+
+
+@pytest.mark.parametrize("name", ["FreeRoad", "TimeOnly", "Follow"])
+def test_a_plan_ends_in_the_goal_or_at_rest(name):
+    loaded = bundled(name)
+    plan = planned(loaded)
+    last = plan.trajectory.states[-1]
+    goal = loaded.problems[0].planning_problem
+    if plan.reaches_goal:
+        assert is_reached(goal, last, plan.trajectory.last_step)
+    else:
+        assert last[State.V] == pytest.approx(0.0, abs=1e-6)
+    assert plan.reaches_goal  # these three have an easy way to the goal
+
+
+def test_a_plan_that_cannot_reach_its_goal_ends_at_rest(tmp_path):
+    plan = planned(walled(tmp_path, 60.0))
+    assert not plan.reaches_goal and plan.finding.ok
+    assert plan.trajectory.states[-1, State.V] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_the_trace_explains_a_plan_in_json():
+    trace = json.loads(json.dumps(planned(bundled("Follow")).trace))
+    assert trace["source"] == trace["chosen"]["source"]
+    assert trace["seeds"]["lattice"]["candidates"] > 1000
+    assert trace["seeds"]["lattice"]["rejected"]["collision"]["obstacle"] > 0
+    assert {"status", "iterations", "kkt", "tr1_before", "tr1_after"} <= set(trace["refine"])
+    assert {"predict", "seed", "refine", "verify", "total"} <= set(trace["times_ms"])
+    assert trace["verify"]["ok"] is True
+
+
+def test_without_refinement_the_lattice_drives_alone():
+    plan = planned(bundled("FreeRoad"), configured(refine={"enabled": False}))
+    assert plan.source == "lattice" and plan.finding.ok
+    assert plan.trace["refine"] is None and plan.trace["fallback"] is None
+
+
+# -- determinism ----------------------------------------------------------------------------------
+
+
+def test_two_planners_give_the_same_bits():
+    a, b = planned(bundled("Follow")), planned(bundled("Follow"))
+    assert a.trajectory.states.tobytes() == b.trajectory.states.tobytes()
+    assert a.source == b.source
+
+
+SHORT = configured(drive={"steps_max": 9})
+FINGERPRINT = """
+import hashlib, sys
+from commonroad.common.solution import CommonRoadSolutionWriter
+from mpcplan import drive, load
+run = drive(load(sys.argv[1]))
+text = CommonRoadSolutionWriter(run.solution()).dump()
+print(hashlib.sha256(text.encode()).hexdigest())
+"""
+
+
+def test_two_drives_give_the_same_bytes():
+    first, second = (drive(bundled("HardBrake"), SHORT) for _ in range(2))
+    assert solution_bytes(first) == solution_bytes(second)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["TimeOnly", "CutIn"])
+def test_a_fresh_process_with_another_hash_seed_gives_the_same_bytes(name):
+    here = hashlib.sha256(solution_bytes(drive(bundled(name)))).hexdigest()
+    path = str(FOLDER / f"ZAM_{name}-1_1_T-1.xml")
+    for seed in ("1", "4711"):
+        done = subprocess.run(
+            [sys.executable, "-c", FINGERPRINT, path], capture_output=True, text=True, check=True,
+            env={**os.environ, "PYTHONHASHSEED": seed},
+        )  # fmt: skip
+        assert done.stdout.split()[-1] == here
+
+
+# -- no future ------------------------------------------------------------------------------------
+
+
+def nonsense_after(loaded: LoadedScenario, step: int) -> LoadedScenario:
+    """The scenario with all recorded futures after a step replaced by nonsense."""
+    for obstacle in loaded.scenario.dynamic_obstacles:
+        for state in obstacle.prediction.trajectory.state_list:
+            if state.time_step > step:
+                state.position = loaded.problems[0].start[:2] + np.array([1.0, 0.5])
+                state.orientation, state.velocity = 2.0, 30.0
+    return loaded
+
+
+@pytest.mark.parametrize("name", ["CutIn", "HardBrake"])
+def test_with_constant_input_a_plan_depends_on_the_observation_alone(name):
+    seen = first_look(bundled(name))
+    plans = []
+    for loaded in (bundled(name), nonsense_after(bundled(name), 0)):
+        plans.append(Planner(loaded, loaded.problems[0], BLIND).plan(seen))
+    assert np.array_equal(plans[0].trajectory.states, plans[1].trajectory.states)
+    assert plans[0].trace["seeds"] == plans[1].trace["seeds"]
+
+
+def test_with_constant_input_a_drive_does_not_see_what_comes():
+    config = BLIND.model_copy(update={"drive": SHORT.drive})
+    honest = drive(bundled("CutIn"), config)
+    fooled = drive(nonsense_after(bundled("CutIn"), 9), config)
+    assert solution_bytes(honest) == solution_bytes(fooled)
+    assert honest.drives[0].trajectory.last_step == 9
+
+
+def test_with_the_record_it_does():
+    """The counterpart: the same change shows at once where the record is the prediction."""
+    honest, fooled = planned(bundled("CutIn")), planned(nonsense_after(bundled("CutIn"), 9))
+    states = honest.trajectory.states, fooled.trajectory.states
+    assert states[0].shape != states[1].shape or not np.array_equal(*states)
+
+
+def test_observations_in_the_loop_hold_past_and_present_only(monkeypatch):
+    seen: list[Observation] = []
+    plan = Planner.plan
+
+    def watched(self: Planner, observation: Observation) -> Plan:
+        seen.append(observation)
+        return plan(self, observation)
+
+    monkeypatch.setattr(Planner, "plan", watched)
+    run = drive(bundled("TimeOnly"), configured(drive={"steps_max": 15}))
+    driven = run.drives[0].trajectory
+    assert [observation.step for observation in seen] == [0, 3, 6, 9, 12]
+    for observation in seen:
+        steps = [snapshot.step for snapshot in observation.others]
+        first = max(0, observation.step - HISTORY)
+        assert steps == list(range(first, observation.step + 1))
+        assert np.array_equal(observation.state, driven.state_at(observation.step))
+        if observation.step:
+            assert observation.acceleration == driven.inputs[observation.step - 1, 0]
+
+
+# -- fallbacks ------------------------------------------------------------------------------------
+
+
+def box(x: float, y: float, length: float, width: float) -> np.ndarray:
+    """A standing box along x."""
+    return np.array([x, y, 0.0, 0.0, length, width])
+
+
+def after_one_cycle(wall: np.ndarray | None) -> tuple[Plan, Plan]:
+    """Plans before and after something stands on the free road where nothing was."""
+    loaded = bundled("FreeRoad")
+    planner = Planner(loaded, loaded.problems[0], BLIND)
+    first = planner.plan(first_look(loaded))
+    state = first.trajectory.state_at(3)
+    ids, boxes = ((), np.empty((0, 6))) if wall is None else ((99,), wall[None])
+    history = (Snapshot(0, (), np.empty((0, 6))), Snapshot(3, ids, boxes))
+    acceleration = float(first.trajectory.inputs[2, 0])
+    return first, planner.plan(Observation(3, state, acceleration, history))
+
+
+def in_front(distance: float, length: float = 2.0) -> np.ndarray:
+    """A wall across both lanes this far ahead of the bumper of the vehicle at step 3."""
+    loaded = bundled("FreeRoad")
+    start = loaded.problems[0].start
+    return box(start[0] + 3.6 + 3.66 + distance + length / 2, start[1] + 1.75, length, 7.0)
+
+
+def test_without_a_surprise_the_last_plan_goes_on():
+    first, second = after_one_cycle(None)
+    assert second.finding.ok and second.trace["fallback"] is None
+    assert second.trace["source"].startswith("last plan")
+    assert second.trajectory.first_step == 3
+
+
+def test_a_wall_far_ahead_is_stopped_for():
+    _, plan = after_one_cycle(in_front(25.0))
+    assert plan.finding.ok
+    gap = separation(plan.trajectory.states, in_front(25.0)[None, None])
+    assert gap.min() > 0.0
+    assert plan.trajectory.states[-1, State.V] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_wall_too_close_is_braked_for_as_hard_as_possible():
+    _, plan = after_one_cycle(in_front(3.0))
+    assert not plan.finding.ok and plan.finding.obstacle == 99
+    assert plan.trajectory.inputs[:3, 0].max() < -7.5
+    assert plan.trace["fallback"].split(":")[0] in (
+        "emergency braking",
+        "no plan is safe to its end; the one safe longest is driven",
+    )
+
+
+def test_a_wall_just_close_enough_leads_to_emergency_braking_or_a_stop():
+    """12 m/s: 8 m/s^2 needs 9 m, the lattice's gentlest stops need more."""
+    _, plan = after_one_cycle(in_front(9.6))
+    assert plan.finding.ok
+    assert separation(plan.trajectory.states, in_front(9.6)[None, None]).min() > 0.0
+
+
+def test_failed_subproblems_fall_back_to_the_seed_and_say_so(monkeypatch):
+    def failing(self: QpSolver, *_: object) -> Answer:
+        return Answer(np.zeros(1), np.zeros(1), "failed", 0)
+
+    monkeypatch.setattr(QpSolver, "solve", failing)
+    plan = planned(bundled("Follow"))
+    assert plan.finding.ok
+    assert plan.source.endswith("unrefined")
+    assert plan.trace["fallback"].startswith("the seed is driven")
+    assert "failed" in plan.trace["fallback"]
+
+
+def test_after_emergency_braking_planning_starts_afresh():
+    loaded = bundled("FreeRoad")
+    planner = Planner(loaded, loaded.problems[0], BLIND)
+    wall = Snapshot(0, (99,), in_front(-0.6)[None])
+    braking = planner.plan(Observation(0, loaded.problems[0].start, 0.0, (wall,)))
+    assert not braking.finding.ok
+    state = braking.trajectory.state_at(3)
+    free = Snapshot(3, (), np.empty((0, 6)))
+    plan = planner.plan(Observation(3, state, -8.0, (free,)))
+    assert plan.finding.ok and plan.source.startswith(("lattice", "search"))
+
+
+# -- closed loop ----------------------------------------------------------------------------------
+
+
+def walled(folder: Path, x: float) -> LoadedScenario:
+    """The straight road with a wall across both lanes, and the goal behind it."""
+    shape = Rectangle(2.0, 7.0)
+    wall = StaticObstacle(55, ObstacleType.CONSTRUCTION_ZONE, shape, made.state(x, made.LANE, 0))
+    goal = made.rectangle_goal(x + 30.0)
+    problem = made.problem(100, made.state(10, made.LANE / 2, 10), goal)
+    return load(made.write(folder, problem, obstacles=[wall]))
+
+
+def test_an_infeasible_problem_leaves_a_cause(tmp_path):
+    run = drive(walled(tmp_path, 60.0))
+    driven = run.drives[0]
+    assert not run.solved and driven.reached_step is None and not driven.collided
+    assert run.cause.startswith("the goal was not reached at step 40; no plan reached the goal")
+    assert "candidates of the lattice were drivable, 0 reached the goal" in run.cause
+    assert "refused by collision with obstacle 55" in run.cause
+    assert driven.trajectory.states[-1, State.V] < 1.0
+
+
+def test_a_collision_that_cannot_be_helped_ends_the_drive_with_its_cause(tmp_path):
+    run = drive(walled(tmp_path, 19.0))
+    driven = run.drives[0]
+    assert driven.collided and not run.solved
+    assert driven.cause.startswith(f"collided at step {driven.trajectory.last_step}")
+    assert "fallback at step 0" in driven.cause and "obstacle 55" in driven.cause
+    assert driven.trajectory.inputs[0, 0] < -7.0
+
+
+def test_no_road_leaves_its_error_as_the_cause(tmp_path):
+    start = made.state(150, made.LANE / 2, 10)
+    path = made.write(tmp_path, made.problem(100, start, made.rectangle_goal(50)))
+    run = drive(load(path))
+    assert run.cause.startswith("planning problem 100: no route from lanelets [3]")
+    assert run.drives[0].cycles == () and len(run.drives[0].trajectory) == 1
+    assert run.trace()["drives"][0]["cause"] == run.cause
+
+
+def test_the_drive_ends_at_the_first_step_in_the_goal(tmp_path):
+    goal = made.rectangle_goal(45)
+    run = drive(load(made.write(tmp_path, made.problem(9, made.state(10, 1.75, 10), goal))))
+    driven, problem = run.drives[0], run.loaded.problems[0].planning_problem
+    assert run.solved and run.cause == ""
+    assert driven.reached_step == driven.trajectory.last_step
+    reached = [
+        is_reached(problem, state, int(step))
+        for step, state in zip(driven.trajectory.steps, driven.trajectory.states, strict=True)
+    ]
+    assert reached[-1] and not any(reached[:-1])
+
+
+@pytest.mark.parametrize(("replan", "expected"), [(0.1, [0, 1, 2, 3, 4, 5]), (0.5, [0, 5])])
+def test_cycles_come_at_the_configured_interval(replan, expected):
+    config = configured(drive={"replan": replan, "steps_max": 6 if replan == 0.1 else 10})
+    run = drive(bundled("FreeRoad"), config)
+    assert [cycle.step for cycle in run.drives[0].cycles] == expected
+    assert run.drives[0].trajectory.last_step == config.drive.steps_max
+    assert run.planning_ms.shape == (len(expected),) and (run.planning_ms > 0).all()
+
+
+def test_what_is_driven_is_what_was_planned():
+    run = drive(bundled("FreeRoad"), SHORT)
+    driven = run.drives[0].trajectory
+    for cycle in run.drives[0].cycles:
+        plan = cycle.plan.trajectory
+        for step in range(cycle.step, min(cycle.step + 3, driven.last_step) + 1):
+            assert np.array_equal(plan.state_at(step), driven.state_at(step))
+
+
+def test_progress_is_told_after_every_cycle():
+    told: list[tuple[int, int]] = []
+    drive(bundled("FreeRoad"), SHORT, lambda step, last: told.append((step, last)))
+    assert told == [(3, 9), (6, 9), (9, 9)]
+
+
+def test_every_problem_of_a_scenario_is_driven():
+    loaded = load(FOLDER / "C-ZAM_ParallelEgos-1_1_T-1.xml")
+    run = drive(loaded, SHORT)
+    assert [d.problem_id for d in run.drives] == [problem.id for problem in loaded.problems]
+    assert "problem 2001: " in run.cause and "problem 2002: " in run.cause
+
+
+def test_standing_still_is_a_plan(tmp_path):
+    """At rest behind a wall, with a goal of time alone: wait."""
+    wall = StaticObstacle(
+        55, ObstacleType.CONSTRUCTION_ZONE, Rectangle(2, 7), made.state(17, made.LANE, 0)
+    )
+    problem = made.problem(100, made.state(10, made.LANE / 2, 0.0), made.goal(end=30))
+    run = drive(load(made.write(tmp_path, problem, obstacles=[wall])))
+    assert run.solved
+    moved = np.ptp(run.drives[0].trajectory.states[:, State.X])
+    assert moved < 2.5
+    assert run.drives[0].trajectory.states[:, State.V].min() >= 0.0
