@@ -4,6 +4,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+Backend = Literal["osqp", "piqp", "osqp then piqp"]
+
 
 def par(default: Any, unit: str, meaning: str, **limits: Any) -> Any:
     """A parameter: its default, unit, meaning and limits (pydantic's gt, ge, lt, le)."""
@@ -116,7 +118,7 @@ class SeedConfig(Section):
         min_length=2,
     )
     search_labels: int = par(1500, "1", "states kept per move of the search", ge=10, le=100000)
-    finalists: int = par(3, "1", "candidates that are handed on to the refinement", ge=1, le=10)
+    finalists: int = par(2, "1", "candidates that are handed on to the refinement", ge=1, le=10)
 
 
 class RefineConfig(Section):
@@ -136,17 +138,23 @@ class RefineConfig(Section):
         ge=0,
         le=2,
     )
-    iterations: int = par(12, "1", "SQP iterations at most", ge=1, le=200)
+    iterations: int = par(5, "1", "SQP iterations at most when a plan goes on", ge=1, le=200)
     tolerance: float = par(2e-3, "1", "scaled step at which the iteration ends", gt=0, le=1)
     gain: float = par(5e-4, "1", "relative gain at which the iteration ends", ge=0, le=1)
     damping: float = par(
-        0.001, "1", "Levenberg-Marquardt damping at the start, in units of typical steps", ge=0, le=10
+        0.001,
+        "1",
+        "Levenberg-Marquardt damping at the start, in units of typical steps",
+        ge=0,
+        le=10,
     )
-    backend: Literal["osqp", "piqp", "osqp then piqp"] = par(
+    backend: Backend = par("osqp", "", "QP solver of the subproblems when a plan goes on")
+    fresh_backend: Backend = par(
         "osqp then piqp",
         "",
-        "QP solver of the subproblems; 'then': where OSQP's answer could not be polished",
+        "QP solver for a fresh seed; 'then': where OSQP's answer could not be polished",
     )
+    fresh_iterations: int = par(12, "1", "SQP iterations at most for a fresh seed", ge=1, le=200)
     qp_iterations: int = par(150, "1", "OSQP iterations at most per subproblem", ge=10, le=100000)
     qp_tolerance: float = par(1e-4, "1", "OSQP's absolute and relative tolerance", gt=0, le=0.1)
     line_search: int = par(6, "1", "halvings of a step at most", ge=0, le=30)

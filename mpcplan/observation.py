@@ -92,6 +92,14 @@ class Forecast:
         return np.where(inside[None, :, None], boxes, np.nan)
 
 
+def box_outline(boxes: Array) -> Array:
+    """(..., 8, 2) corners and middles of the sides [m] of boxes (..., 6): in a bend a long body
+    reaches further between its corners than at them."""
+    corners = box_corners(boxes)
+    middles = (corners + np.roll(corners, -1, axis=-2)) / 2
+    return np.concatenate([corners, middles], axis=-2)
+
+
 def box_corners(boxes: Array) -> Array:
     """(..., 4, 2) corners [m] of boxes (..., 6)."""
     c, s = np.cos(boxes[..., Box.PSI]), np.sin(boxes[..., Box.PSI])

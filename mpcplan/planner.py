@@ -10,8 +10,6 @@ plan; emergency braking along the lane. Each fall is in the plan's trace.
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-
 from mpcplan.config import Config
 from mpcplan.observation import Forecast, Observation
 from mpcplan.plan import Clock, Option, Plan
@@ -30,6 +28,9 @@ from mpcplan.verify.drivability import verify
 from mpcplan.verify.failsafe import braking_tail
 
 LAST_PLAN = "last plan"  # source of what is left of the plan before
+KEPT = "last plan kept"  # source of the last plan as it was
+CLEARLY_LONGER = 5  # time steps
+REASONS = 3  # told in a fallback
 WORTHWHILE = 0.97  # a new seed is refined beside the last plan if its cost is below this share
 
 
@@ -40,6 +41,7 @@ class _Cycle:
     observation: Observation
     forecast: Forecast
     clock: Clock
+    notes: list[str]
 
 
 class Planner:
@@ -65,7 +67,7 @@ class Planner:
         clock = Clock()
         with clock("predict"):
             forecast = self._predict(observation)
-        cycle = _Cycle(observation, forecast, clock)
+        cycle = _Cycle(observation, forecast, clock, [])
         options, reports, refusals = self._options(cycle)
         chosen, fallback = self._choose(cycle, options, refusals)
         self._last = chosen if chosen.seed is not None else None
@@ -175,9 +177,11 @@ class Planner:
                 seed, seen.state, seen.acceleration, around, self.config, self.dt, fresh,
                 extra,
             )  # fmt: skip
-        if refined is None or (
-            extra == 0.0 and refined.result.cost_after > refined.result.cost_before
-        ):
+        if refined is None:
+            return None
+        if refined.result.gained <= 0.0 and extra == 0.0:
+            if refined.result.failed:
+                cycle.notes.append(f"{seed.source}: {refined.result.status}")
             return None
         trajectory, count = refined.trajectory, len(refined.trajectory.inputs)
         if count < len(seed.states) - 1:  # the problem ends before the seed: the seed goes on
@@ -186,7 +190,10 @@ class Planner:
         return self._finish(cycle, trajectory, seed, f"{seed.source}, refined", refined)
 
     def _unrefined(self, cycle: _Cycle, seed: Seed) -> Option:
-        """The seed driven by feedback."""
+        """The seed driven by feedback; the last plan as it was."""
+        if seed.source == LAST_PLAN and self._last is not None:
+            rest = self._last.trajectory.since(cycle.observation.step)
+            return self._finish(cycle, rest, seed, KEPT, None)
         with cycle.clock("track"):
             trajectory = track(seed, cycle.observation.state, self.dt)
         source = f"{seed.source}, unrefined" if self.config.refine.enabled else seed.source
@@ -232,33 +239,22 @@ class Planner:
         self, cycle: _Cycle, options: list[Option], refused: list[Option]
     ) -> tuple[Option, str | None]:
         """The best option, or the next fallback with what led to it."""
-        kept = self._kept(cycle)
-        best = options[0] if options else None
-        if best is not None and (best.reaches_goal or kept is None or not kept.reaches_goal):
-            fell = best.source.endswith("unrefined")
-            return best, _why(refused, "the seed is driven") if fell else None
-        if kept is not None:
-            return kept, _why(refused, "the last plan goes on")
+        reasons = [f"{option.source}: {option.finding}" for option in refused] + cycle.notes
+        if options:
+            best = options[0]
+            if best.source == KEPT and reasons:
+                return best, _why("the last plan goes on", reasons)
+            if best.source.endswith("unrefined"):
+                return best, _why("the seed is driven", reasons or ["it could not be improved"])
+            return best, None
         stop = self._emergency(cycle)
         if not stop.finding.ok and refused:
-            # nothing is safe to the end: take what stays safe longest
-            last = max([*refused, stop], key=lambda o: (o.finding.step or 0, o.reaches_goal))
-            return last, _why(refused, "no plan is safe to its end; the one safe longest is driven")
-        return stop, _why(refused, "emergency braking")
-
-    def _kept(self, cycle: _Cycle) -> Option | None:
-        """The last plan's remaining trajectory, if it is still safe."""
-        last, step = self._last, cycle.observation.step
-        if last is None or step >= last.trajectory.last_step:
-            return None
-        rest = last.trajectory.since(step)
-        if not np.allclose(rest.states[0], cycle.observation.state, atol=1e-6):
-            return None
-        assert last.seed is not None
-        finding = verify(rest, cycle.forecast, last.seed.road.area, self.config.verify)
-        if not finding.ok:
-            return None
-        return Option(rest, last.seed, last.cost, last.reaches_goal, finding, "last plan kept")
+            # nothing is safe to the end: braking, unless another plan stays safe clearly longer
+            last = max(refused, key=lambda o: (o.finding.step or 0, o.reaches_goal))
+            if (last.finding.step or 0) >= (stop.finding.step or 0) + CLEARLY_LONGER:
+                what = "no plan is safe to its end; the one safe longest is driven"
+                return last, _why(what, reasons)
+        return stop, _why("emergency braking", reasons)
 
     def _emergency(self, cycle: _Cycle) -> Option:
         """Braking along the lane; harder and softer, the first that is safe or the hardest."""
@@ -273,9 +269,6 @@ class Planner:
         return Option(trajectory, None, float("inf"), False, finding, "emergency braking")
 
 
-def _why(refused: list[Option], what: str) -> str:
-    """A fallback in words, with what refused the best plans."""
-    if not refused:
-        return f"{what}: no seed was found"
-    reasons = "; ".join(f"{option.source}: {option.finding}" for option in refused[:3])
-    return f"{what}: {reasons}"
+def _why(what: str, reasons: list[str]) -> str:
+    """A fallback in words, with what led to it."""
+    return f"{what}: " + ("; ".join(reasons[:REASONS]) or "no seed was found")

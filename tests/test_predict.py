@@ -4,9 +4,12 @@ import inspect
 import math
 from pathlib import Path
 
+import made
 import numpy as np
 import pytest
 from commonroad.common.file_reader import CommonRoadFileReader
+from commonroad.geometry.shape import Rectangle
+from commonroad.scenario.obstacle import ObstacleType, StaticObstacle
 from reference_ocp import DT, Track, forecast_of, frame_of, occupancy_of, straight
 
 from mpcplan.config import PredictConfig
@@ -75,6 +78,22 @@ def test_the_recorded_predictor_answers_the_record_at_every_step():
         forecast = predictor(observed(traffic.at(step)))
         boxes = forecast.at(np.arange(step, step + 10))
         assert np.array_equal(boxes, record(scenario).boxes[:, step : step + 10])
+
+
+@pytest.mark.parametrize("dynamic", [[], [made.car(30, 40, 1.75, 8, steps=10)]])
+def test_static_obstacles_stay_for_ever(tmp_path, dynamic):
+    """Longer than any recording: what stands there stands there."""
+    shape = Rectangle(2.0, 7.0)
+    wall = StaticObstacle(55, ObstacleType.CONSTRUCTION_ZONE, shape, made.state(60, 3.5, 0))
+    scenario = load(made.write(tmp_path, obstacles=[*dynamic, wall])).scenario
+    traffic, recorded = RecordedTraffic(scenario), record(scenario)
+    for step in (0, 1, 2, 11, 40, 250):
+        assert 55 in traffic.at(step).ids
+        box = recorded.at(np.array([step]))[recorded.ids.index(55), 0]
+        assert box[[Box.LENGTH, Box.WIDTH]].tolist() == [2.0, 7.0]
+    around = occupancy(recorded, frame_of(straight, 100.0)).window(200, 20)
+    assert np.isfinite(around.s[recorded.ids.index(55)]).all()
+    assert 30 not in traffic.at(40).ids
 
 
 def test_snapshots_hold_those_who_are_there():

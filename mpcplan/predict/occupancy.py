@@ -4,7 +4,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from mpcplan.observation import Box, Forecast, box_corners
+from mpcplan.observation import Box, Forecast, box_outline
 from mpcplan.road.frame import Frame
 from mpcplan.trajectory import Array
 
@@ -19,7 +19,7 @@ class Occupancy:
         first_step: time step of the first column.
         ids: obstacle ids.
         s, d: centre [m].
-        s_low, s_high, d_low, d_high: extents of the corners [m].
+        s_low, s_high, d_low, d_high: extents of the outline [m].
         v: speed along the path [m/s].
         turn: heading relative to the path [rad].
         length, width: of the rectangle [m].
@@ -71,7 +71,9 @@ def _project(boxes: Array, frame: Frame) -> tuple[Array, ...]:
     """Centres, extents and speeds along the path of (n, 6) boxes."""
     centre = boxes[:, [Box.X, Box.Y]]
     s, d = frame.to_frenet(centre)
-    corner_s, corner_d = frame.to_frenet(box_corners(boxes), np.repeat(s[:, None], 4, axis=1))
+    outline = box_outline(boxes)
+    near = np.repeat(s[:, None], outline.shape[1], axis=1)
+    corner_s, corner_d = frame.to_frenet(outline, near)
     turn = boxes[:, Box.PSI] - frame.heading(s)
     along = boxes[:, Box.V] * np.cos(turn)
     return (

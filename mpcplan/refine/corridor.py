@@ -59,7 +59,7 @@ def build_corridor(seed: Seed, occupancy: Occupancy, config: Config) -> Corridor
     slant, by_slant = _slants(s, d, mu, window, near, np.fmax(lon, lat), config)
     least = config.verify.margin + SPARE
     lon_margin = np.clip(lon - SPARE, least, config.seed.margin_lon)
-    lat_margin = np.clip(lat - SPARE, least, config.seed.margin_lat)
+    lat_margin = np.clip(lat - SPARE, least, config.seed.pass_gap)
     chosen = ~by_slant & np.isfinite(window.s_low[near])
     half = CAR.width / 2
 

@@ -36,6 +36,7 @@ from mpcplan.vehicle import FORD_ESCORT as CAR
 
 FREE = 1e4  # no bound
 GOAL_MARGIN = 0.02  # m (and m/s, and 1e-2 of it rad), the window is entered by this much
+GAUSS_POINTS = (0.5 - np.sqrt(1 / 12), 0.5 + np.sqrt(1 / 12))  # of a step
 SLACK_CURVATURE = 0.1  # quadratic part of the slack penalty
 DAMPING = 1e-5  # added to the Hessian's diagonal
 CLOSEST = -6.0  # m, smallest gap in the closeness term
@@ -136,9 +137,11 @@ class Problem:
         """(N, 3) curvature model of every step: kappa_0, kappa_1, s_0."""
         frame = self.seed.road.frame
         s = x[:-1, Stage.S]
-        ahead = np.maximum(np.abs(x[:-1, Stage.V]) * self.dt, 0.1)
-        kappa = frame.curvature(s)
-        return np.column_stack([kappa, (frame.curvature(s + ahead) - kappa) / ahead, s])
+        way = np.maximum(np.abs(x[:-1, Stage.V]) * self.dt, 0.1)
+        # the line through the step's two Gauss points integrates a cubic curvature exactly
+        first, second = (s + share * way for share in GAUSS_POINTS)
+        kappa = frame.curvature(first)
+        return np.column_stack([kappa, (frame.curvature(second) - kappa) / (second - first), first])
 
     def _at(self, z: Iterate) -> _Values:
         """The values at an iterate; the latest are kept."""

@@ -13,13 +13,13 @@ Jones: PIQP, a proximal interior-point quadratic programming solver (CDC 2023).
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
 
 import casadi as ca
 import numpy as np
 import osqp
 import scipy.sparse as sp
 
+from mpcplan.config import Backend
 from mpcplan.trajectory import Array
 
 POLISHED, EXACT = "solved and polished", "solved by interior point"
@@ -29,6 +29,7 @@ COST = 10.0  # scale of the cost against the constraints
 RHO_INTERVAL = 25  # iterations between updates of rho; the default goes by wall-clock time
 CHECK_INTERVAL = 10
 SMALLEST_ENTRY = 1e-6
+FREE = 500.0  # scaled bounds beyond this are none
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,16 +47,13 @@ class Answer:
         return self.status in SOLVED and bool(np.isfinite(self.p).all())
 
 
-Backend = Literal["osqp", "piqp", "osqp then piqp"]
 Scaled = tuple[sp.csc_matrix, Array, sp.csc_matrix, Array, Array]
 
 
 class QpSolver:
     """Solves subproblems of one sparsity one after the other, warm-started where possible."""
 
-    def __init__(
-        self, columns: Array, backend: Backend, iterations: int, tolerance: float
-    ) -> None:
+    def __init__(self, columns: Array, backend: Backend, iterations: int, tolerance: float) -> None:
         """``columns`` (n,) are the typical sizes of the variables."""
         self._columns, self._backend = columns, backend
         self._interior: Callable[[Scaled], Answer] = PiqpSolver()
@@ -140,6 +138,7 @@ class PiqpSolver:
             self._h, self._a = (_pattern(m) for m in (h, a))
             options = {"error_on_fail": False, "print_time": False}
             self._solver = ca.conic("qp", "piqp", {"h": self._h, "a": self._a}, options)
+        low, high = np.where(low < -FREE, -np.inf, low), np.where(high > FREE, np.inf, high)
         found = self._solver(
             h=ca.DM(self._h, h.data), g=g, a=ca.DM(self._a, a.data), lba=low, uba=high
         )

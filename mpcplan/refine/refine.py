@@ -62,7 +62,7 @@ def refine(
     corridor = narrowed(build_corridor(seed, occupancy, config), extra)
     problem = Problem(seed, corridor, x0, goal, n, config, dt, extra)
     start = problem.initial()
-    result = solve(problem, config.refine)
+    result = solve(problem, config.refine, fresh)
     tr1 = (problem.tr1(start), problem.tr1(result.z))
     trajectory = simulate(state, _inputs(result.z, float(state[State.V]), dt), dt, seed.first_step)
     return Refined(trajectory, result, tr1)

@@ -22,6 +22,7 @@ DEFECT_PENALTY = 200.0  # rho of the merit function, at least
 DEFECT_TOLERANCE = 1e-3
 ARMIJO = 1e-6
 DAMPING_LESS, DAMPING_MORE = 0.3, 4.0  # after a whole step, after a short one
+FAILED = "subproblem failed"
 STALLED = 0.1  # scaled step below which no descent means that the optimum is reached
 
 
@@ -62,6 +63,16 @@ class SqpResult:
     cost_before: float
     cost_after: float
 
+    @property
+    def gained(self) -> float:
+        """How much the cost fell."""
+        return self.cost_before - self.cost_after
+
+    @property
+    def failed(self) -> bool:
+        """Whether a subproblem could not be solved."""
+        return self.status.startswith(FAILED)
+
     def as_dict(self) -> dict[str, Any]:
         """For the trace."""
         return {
@@ -74,22 +85,22 @@ class SqpResult:
         }
 
 
-def solve(problem: Problem, config: RefineConfig) -> SqpResult:
-    """Solves a problem from its seed."""
-    solver = QpSolver(
-        problem.scales(), config.backend, config.qp_iterations, config.qp_tolerance
-    )
+def solve(problem: Problem, config: RefineConfig, fresh: bool = True) -> SqpResult:
+    """Solves a problem from its seed; ``fresh``: with the effort for a seed never refined."""
+    backend = config.fresh_backend if fresh else config.backend
+    most = config.fresh_iterations if fresh else config.iterations
+    solver = QpSolver(problem.scales(), backend, config.qp_iterations, config.qp_tolerance)
     z = problem.initial()
     before = problem.objective(z) + problem.penalty(z)
     status, qp_iterations, iteration = "iteration limit", 0, 0
     multipliers: Array | None = None
     damping = config.damping
-    for iteration in range(1, config.iterations + 1):  # noqa: B007 (told in the result)
+    for iteration in range(1, most + 1):  # noqa: B007 (told in the result)
         model = problem.quadratic(z, damping)
         answer = solver.solve(model.hessian, model.gradient, model.matrix, model.low, model.high)
         qp_iterations += answer.iterations
         if not answer.usable:
-            status = f"subproblem failed: {answer.status}"
+            status = f"{FAILED}: {answer.status}"
             break
         multipliers = answer.y
         moved = _line_search(problem, z, answer.p, multipliers, config.line_search)
@@ -136,7 +147,7 @@ def _merit(problem: Problem, z: Iterate, rho: float) -> float:
 def _line_search(
     problem: Problem, z: Iterate, p: Array, y: Array, halvings: int
 ) -> tuple[Iterate, float, float, float] | None:
-    """The first shortened step that lowers the merit function: iterate, scaled size, gain, share."""
+    """The first shortened step that lowers the merit: iterate, scaled size, gain, share."""
     dx, du = _split(problem, p)
     dynamics = slice(len(Stage), len(Stage) * (problem.n + 1))
     rho = max(DEFECT_PENALTY, 1.2 * float(np.abs(y[dynamics]).max()))

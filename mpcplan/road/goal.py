@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from commonroad.common.util import AngleInterval, Interval
-from commonroad.geometry.shape import Shape, ShapeGroup
+from commonroad.geometry.shape import Circle, Shape, ShapeGroup
 from commonroad.planning.planning_problem import PlanningProblem
 from commonroad.scenario.state import CustomState, TraceState
 
@@ -20,6 +20,8 @@ from mpcplan.vehicle import FORD_ESCORT
 
 LATERAL_REACH = 7.0  # m, the region is looked for this far beside the reference
 LATERAL_STEP = 0.25  # m
+ROUNDING = 1e-6  # m, by which regions are grown against rounding
+NEARLY = 0.9  # of the longest stretch
 EDGE = 0.1  # m, windows are this much smaller than what was sampled
 
 
@@ -77,6 +79,8 @@ def region_of(shape: Shape) -> shapely.Geometry:
     """The area of a CommonRoad shape, the union where it is a group."""
     if isinstance(shape, ShapeGroup):
         return shapely.union_all([region_of(part) for part in shape.shapes])
+    if isinstance(shape, Circle):  # commonroad-io's shapely_object has half the radius
+        return shapely.buffer(shapely.Point(*shape.center), shape.radius)
     return shape.shapely_object
 
 
@@ -96,13 +100,17 @@ def _position_window(
     """
     offsets = np.arange(-LATERAL_REACH, LATERAL_REACH + LATERAL_STEP / 2, LATERAL_STEP)
     points = frame.to_cartesian(frame.s[:, None], offsets[None, :])
+    region = shapely.buffer(region, ROUNDING)
     inside = shapely.contains_xy(region, points[..., 0], points[..., 1])
     inside[frame.s < start] = False
     if not inside.any():
         return None
-    met = offsets[inside.any(axis=0)]
-    column = int(np.argmin(np.abs(offsets - met[np.argmin(np.abs(met))])))
-    low, high = _longest_run(inside[:, column])
+    runs = [_longest_run(column) if column.any() else (0, -1) for column in inside.T]
+    lengths = np.array([high - low for low, high in runs])
+    # a region's edge is met by chance only: look at offsets along which it is met for long
+    wide = np.flatnonzero(lengths >= NEARLY * lengths.max())
+    column = int(wide[np.argmin(np.abs(offsets[wide]))])
+    low, high = runs[column]
     middle = (low + high) // 2
     left, right = _run_around(inside[middle], column)
     return (

@@ -76,8 +76,9 @@ def _mark(
     beside &= occupancy.d_high[rows, steps] > d_min.min()
     rows, steps = rows[beside], steps[beside]
     lon = margins[rows]
-    low = occupancy.s_low[rows, steps] - CAR.front - lon
-    high = occupancy.s_high[rows, steps] + CAR.rear + lon
+    stretch = paths.stretch[path]  # the body covers more s on the inside of a bend
+    low = occupancy.s_low[rows, steps] - CAR.front / stretch - lon
+    high = occupancy.s_high[rows, steps] + CAR.rear / stretch + lon
     first, last = np.searchsorted(s, low), np.searchsorted(s, high)
     if not len(rows) or not (width := int((last - first).max())):
         return
@@ -138,19 +139,17 @@ def _margins(occupancy: Occupancy, paths: Paths, config: SeedConfig) -> Array:
 
 def _lead(occupancy: Occupancy, paths: Paths, path: int, cost: CostConfig) -> Array:
     """(k, n) distance [m] from the body's centre to the nearest counted obstacle ahead."""
-    s, d = paths.s[path], paths.d[path]
-    centre = s + CAR.rear_to_centre * np.cos(paths.mu[path])
-    k, n = occupancy.s.shape[1], len(s)
-    ahead = np.full((k, n + 1), np.inf)
+    centre = paths.s[path] + CAR.rear_to_centre * np.cos(paths.mu[path])
+    offset = paths.d[path] + CAR.rear_to_centre * np.sin(paths.mu[path])
+    lead = np.full((occupancy.s.shape[1], len(centre)), np.inf)
+    side = cost.distance_lateral
     with np.errstate(invalid="ignore"):
-        offset = np.interp(np.nan_to_num(occupancy.s), centre, d)
-        counts = np.abs(occupancy.d - offset) < cost.distance_lateral
-        counts &= (occupancy.s > centre[0]) & (occupancy.s < centre[-1] + LEAD_REACH)
-    rows, steps = np.nonzero(counts)
-    place = occupancy.s[rows, steps]
-    # an obstacle is ahead of every sample whose centre lies before it
-    index = np.searchsorted(centre, place) - 1
-    np.minimum.at(ahead, (steps, np.clip(index, 0, n)), place)
-    nearest = np.minimum.accumulate(ahead[:, ::-1], axis=1)[:, ::-1][:, :n]
-    gap = nearest - centre
-    return np.where(gap < LEAD_REACH, gap, np.inf)
+        near = (occupancy.d < offset.max() + side) & (occupancy.d > offset.min() - side)
+        near &= (occupancy.s > centre[0]) & (occupancy.s < centre[-1] + LEAD_REACH)
+    for row in np.flatnonzero(near.any(axis=1)):
+        steps = np.flatnonzero(near[row])
+        gap = occupancy.s[row, steps, None] - centre
+        counts = (gap > 0) & (gap < LEAD_REACH)
+        counts &= np.abs(occupancy.d[row, steps, None] - offset) < side
+        lead[steps] = np.minimum(lead[steps], np.where(counts, gap, np.inf))
+    return lead

@@ -48,6 +48,7 @@ class Paths:
         kappa: curvature [1/m]; delta: steering angle [rad]; delta_slope: d delta/d sigma [rad/m].
         road_excess: how far the body sticks out of the drivable area up to here [m], at least 0.
         target: (p,) end offset [m].
+        stretch: (p,) least 1 - kappa_r d along each path, at most 1.
     """
 
     spacing: float
@@ -59,6 +60,7 @@ class Paths:
     delta_slope: Array
     road_excess: Array
     target: Array
+    stretch: Array
 
 
 def frenet_pose(road: Road, state: Array) -> FrenetPose:
@@ -184,9 +186,10 @@ def _geometry(
     d, mu, kappa = resampled
     delta = np.arctan(CAR.wheelbase * kappa)
     spacing = float(ds[1] - ds[0])
+    least = np.minimum(stretch.min(axis=1), 1.0)
     delta_slope = np.gradient(delta, spacing, axis=1)
     excess = np.maximum.accumulate(_road_excess(road, even, d, mu), axis=1)
-    return Paths(spacing, even, d, mu, kappa, delta, delta_slope, excess, target)
+    return Paths(spacing, even, d, mu, kappa, delta, delta_slope, excess, target, least)
 
 
 def _road_excess(road: Road, s: Array, d: Array, mu: Array) -> Array:

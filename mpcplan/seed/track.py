@@ -22,6 +22,7 @@ from mpcplan.vehicle import simulate
 RETURN_LENGTH = 4.0  # m
 RETURN_TIME = 0.8  # s
 ACTUATOR_SHARE = 0.985
+STEERING_GRIP = 0.95  # part of the friction circle that steering may use
 MIN_STRETCH = 0.1
 
 
@@ -70,7 +71,9 @@ def _feedback(
     kappa = math.tan(after[Stage.DELTA]) / CAR.wheelbase
     kappa -= (d - now[Stage.D]) / length**2 + 2 * (mu - now[Stage.MU]) / length
     limit = CAR.v_delta_max * ACTUATOR_SHARE
-    aim = min(max(math.atan(CAR.wheelbase * kappa), -CAR.delta_max), CAR.delta_max)
+    most = math.atan(CAR.wheelbase * STEERING_GRIP * CAR.a_max / max(v, 1.0) ** 2)
+    most = min(most, CAR.delta_max * ACTUATOR_SHARE)
+    aim = min(max(math.atan(CAR.wheelbase * kappa), -most), most)
     w = min(max((aim - delta) / dt, -limit), limit)
     top = CAR.a_max * ACTUATOR_SHARE * min(1.0, CAR.v_switch / max(v, after[Stage.V], 0.1))
     lateral = v * v / CAR.wheelbase * math.tan(max(abs(delta), abs(delta + w * dt)))
