@@ -238,7 +238,7 @@ def in_front(distance: float, length: float = 2.0) -> np.ndarray:
 
 
 def test_without_a_surprise_the_last_plan_goes_on():
-    first, second = after_one_cycle(None)
+    second = after_one_cycle(None)[1]
     assert second.finding.ok and second.trace["fallback"] is None
     assert second.trace["source"].startswith("last plan")
     assert second.trajectory.first_step == 3

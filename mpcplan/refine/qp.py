@@ -138,7 +138,9 @@ class PiqpSolver:
             self._h, self._a = (_pattern(m) for m in (h, a))
             options = {"error_on_fail": False, "print_time": False}
             self._solver = ca.conic("qp", "piqp", {"h": self._h, "a": self._a}, options)
-        low, high = np.where(low < -FREE, -np.inf, low), np.where(high > FREE, np.inf, high)
+        # a bound that never binds is dropped; a row without any keeps one, or PIQP complains
+        none = low < -FREE
+        low, high = np.where(none, -np.inf, low), np.where((high > FREE) & ~none, np.inf, high)
         found = self._solver(
             h=ca.DM(self._h, h.data), g=g, a=ca.DM(self._a, a.data), lba=low, uba=high
         )

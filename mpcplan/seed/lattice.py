@@ -29,6 +29,7 @@ from mpcplan.vehicle import acceleration_limit
 TOLERANCE = 1e-6
 STEERING_SHARE = 0.95  # of the steering rate that seeds may use
 ACCELERATION_SHARE = 0.97  # of the acceleration that seeds may use
+TRIED_PER_FINALIST = 15  # best candidates looked at for each finalist
 DENSE_STEPS = 50  # horizons up to this many steps are looked at at every step
 DISTINCT = 4.0  # m, finalists differ by this much somewhere
 SPEEDING = 0.5  # 1/(m^2/s^3), weight of the squared excess over the speed limit
@@ -313,7 +314,7 @@ def _finalists(
     """The best accepted candidates that differ from each other."""
     order = np.argsort(np.where(accepted, cost, np.inf), axis=None, kind="stable")
     seeds: list[Seed] = []
-    for flat in order[: 40 * config.seed.finalists]:
+    for flat in order[: TRIED_PER_FINALIST * config.seed.finalists]:
         p, i = (int(v) for v in np.unravel_index(flat, cost.shape))
         if not accepted[p, i] or len(seeds) == config.seed.finalists:
             break
