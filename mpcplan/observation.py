@@ -73,11 +73,14 @@ class Forecast:
         first_step: time step of the first prediction.
         ids: (o,) obstacle ids.
         boxes: (o, k, 6) columns :class:`Box`; NaN where an obstacle is not there.
+        held: (o,) obstacles that stand where they are for ever, before and after ``boxes`` too;
+            None: no one.
     """
 
     first_step: int
     ids: tuple[int, ...]
     boxes: Array
+    held: Array | None = None
 
     @property
     def last_step(self) -> int:
@@ -85,11 +88,18 @@ class Forecast:
         return self.first_step + self.boxes.shape[1] - 1
 
     def at(self, steps: Array) -> Array:
-        """(o, n, 6) boxes at time steps (n,); NaN outside the forecast."""
-        index = np.asarray(steps, int) - self.first_step
-        inside = (index >= 0) & (index < self.boxes.shape[1])
-        boxes = self.boxes[:, np.clip(index, 0, max(self.boxes.shape[1] - 1, 0))]
-        return np.where(inside[None, :, None], boxes, np.nan)
+        """(o, n, 6) boxes at time steps (n,); NaN outside the forecast but for held obstacles."""
+        return at_steps(self.boxes, self.first_step, self.held, np.asarray(steps, int))
+
+
+def at_steps(values: Array, first_step: int, held: Array | None, steps: Array) -> Array:
+    """(o, n, ...) values at time steps (n,) of an array (o, k, ...) that begins at a time step;
+    NaN outside, but for the rows that are held (o,), which keep their first or last value."""
+    index = steps - first_step
+    inside = (index >= 0) & (index < values.shape[1])
+    known = inside[None, :] if held is None else inside[None, :] | held[:, None]
+    taken = values[:, np.clip(index, 0, max(values.shape[1] - 1, 0))]
+    return np.where(known.reshape(*known.shape, *([1] * (values.ndim - 2))), taken, np.nan)
 
 
 def box_outline(boxes: Array) -> Array:

@@ -21,7 +21,7 @@ from mpcplan.road.road import Road, build_roads
 from mpcplan.scenario import LoadedScenario, Problem
 from mpcplan.seed.candidates import Effort, distinct, find_seeds
 from mpcplan.seed.cost import trajectory_cost
-from mpcplan.seed.seed import Seed, SeedReport, after, merged
+from mpcplan.seed.seed import Seed, SeedReport, after, merged, words
 from mpcplan.seed.track import frenet_states, track
 from mpcplan.trajectory import Trajectory
 from mpcplan.verify.drivability import verify
@@ -69,6 +69,8 @@ class Planner:
             forecast = self._predict(observation)
         cycle = _Cycle(observation, forecast, clock, [])
         options, reports, refusals = self._options(cycle)
+        if not options:
+            cycle.notes.extend(words(report) for report in reports)
         chosen, fallback = self._choose(cycle, options, refusals)
         self._last = chosen if chosen.seed is not None else None
         trace = {
@@ -76,6 +78,7 @@ class Planner:
             "source": chosen.source,
             "chosen": chosen.as_dict(),
             "seeds": {r.source: r.as_dict() for r in reports},
+            "refusals": "; ".join(words(report) for report in reports),
             "options": [option.as_dict() for option in options],
             "refine": chosen.refined.as_dict() if chosen.refined is not None else None,
             "verify": chosen.finding.as_dict(),
@@ -153,16 +156,19 @@ class Planner:
         self, cycle: _Cycle, seed: Seed, options: list[Option], refused: list[Option]
     ) -> None:
         """Refines and verifies a seed, and falls back to the seed itself where that fails."""
+        kept = self._unrefined(cycle, seed) if seed.source == LAST_PLAN else None
         ways: list[Callable[[], Option | None]] = []
         if self.config.refine.enabled:
             wider = self.config.refine.retry_margin
             ways.append(lambda: self._refined(cycle, seed, 0.0))
             ways.append(lambda: self._refined(cycle, seed, wider))
-        ways.append(lambda: self._unrefined(cycle, seed))
+        ways.append(lambda: kept or self._unrefined(cycle, seed))
         for way in ways:
             option = way()
             if option is None:
                 continue
+            if kept is not None and kept.finding.ok and kept.cost <= option.cost:
+                option = kept  # what was planned before is still better
             (options if option.finding.ok else refused).append(option)
             if option.finding.ok:
                 return
@@ -179,9 +185,10 @@ class Planner:
             )  # fmt: skip
         if refined is None:
             return None
+        if refined.result.failed and refined.result.gained <= 0.0:
+            cycle.notes.append(f"{seed.source}: {refined.result.status}")
+            return None
         if refined.result.gained <= 0.0 and extra == 0.0:
-            if refined.result.failed:
-                cycle.notes.append(f"{seed.source}: {refined.result.status}")
             return None
         trajectory, count = refined.trajectory, len(refined.trajectory.inputs)
         if count < len(seed.states) - 1:  # the problem ends before the seed: the seed goes on

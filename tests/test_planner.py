@@ -26,6 +26,7 @@ from mpcplan.simulate.loop import HISTORY, drive
 from mpcplan.simulate.recorded import RecordedTraffic
 from mpcplan.simulate.run import Run
 from mpcplan.trajectory import State
+from mpcplan.vehicle import FORD_ESCORT
 from mpcplan.verify.drivability import separation, verify
 
 FOLDER = Path(__file__).resolve().parents[1] / "scenarios"
@@ -213,11 +214,6 @@ def test_observations_in_the_loop_hold_past_and_present_only(monkeypatch):
 # -- fallbacks ------------------------------------------------------------------------------------
 
 
-def box(x: float, y: float, length: float, width: float) -> np.ndarray:
-    """A standing box along x."""
-    return np.array([x, y, 0.0, 0.0, length, width])
-
-
 def after_one_cycle(wall: np.ndarray | None) -> tuple[Plan, Plan]:
     """Plans before and after something stands on the free road where nothing was."""
     loaded = bundled("FreeRoad")
@@ -232,9 +228,12 @@ def after_one_cycle(wall: np.ndarray | None) -> tuple[Plan, Plan]:
 
 def in_front(distance: float, length: float = 2.0) -> np.ndarray:
     """A wall across both lanes this far ahead of the bumper of the vehicle at step 3."""
-    loaded = bundled("FreeRoad")
-    start = loaded.problems[0].start
-    return box(start[0] + 3.6 + 3.66 + distance + length / 2, start[1] + 1.75, length, 7.0)
+    start = bundled("FreeRoad").problems[0].start
+    psi = start[State.PSI]
+    ahead, left = np.array([np.cos(psi), np.sin(psi)]), np.array([-np.sin(psi), np.cos(psi)])
+    way = 3 * 0.1 * start[State.V] + FORD_ESCORT.front + distance + length / 2
+    x, y = start[:2] + way * ahead + 1.75 * left
+    return np.array([x, y, psi, 0.0, length, 7.0])
 
 
 def test_without_a_surprise_the_last_plan_goes_on():

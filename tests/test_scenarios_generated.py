@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import subprocess
 import sys
@@ -26,6 +27,7 @@ FOLDER = Path(__file__).resolve().parents[1] / "scenarios"
 sys.path.insert(0, str(FOLDER))
 
 make_scenarios = import_module("make_scenarios")
+frame = import_module("generator.frame")
 overview = import_module("generator.overview")
 model = import_module("generator.model")
 
@@ -39,6 +41,14 @@ COMFORT_LIMIT = 8.0  # acceleration of the example motions [m/s^2]
 ROAD_TOLERANCE = 1e-3  # [m]
 SPACE_BEFORE = 15.0  # road behind each start [m]
 SPACE_BEYOND = 60.0  # road beyond each goal rectangle [m]
+AXIS_DISTANCE = 1e-3  # smallest angle between an obstacle and an axis [rad]
+BOUNDARY_CODE = """
+import os, sys
+from commonroad.common.file_reader import CommonRoadFileReader
+from commonroad_dc.feasibility import solution_checker
+solution_checker._construct_boundary_checker(CommonRoadFileReader(sys.argv[1]).open()[0])
+os._exit(0)
+"""
 
 
 @pytest.fixture(scope="module")
@@ -133,6 +143,23 @@ def test_road_boundary_can_be_constructed(name: str, loaded: dict) -> None:
     construction.construct(loaded[name][0], ["section_triangles", "triangulation"])
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("name", NAMES)
+def test_official_boundary_checker_survives(name: str) -> None:
+    """The official checker does not crash on the road boundary (in a process of its own)."""
+    command = [sys.executable, "-c", BOUNDARY_CODE, str(FOLDER / f"{name}.xml")]
+    assert subprocess.run(command, check=False).returncode == 0
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_obstacle_is_parallel_to_an_axis(name: str, loaded: dict) -> None:
+    """The official cost evaluator would leave out an obstacle whose orientation is exactly 0."""
+    for obstacle in loaded[name][0].obstacles:
+        for step in range(CASES[name].last_step + 1):
+            heading = obstacle.state_at_time(step).orientation
+            assert abs(math.remainder(heading, math.pi / 2)) > AXIS_DISTANCE, step
+
+
 @pytest.mark.parametrize("name", NAMES)
 def test_nothing_overlaps(name: str, loaded: dict) -> None:
     """Obstacles touch neither each other nor a start, stay on the road, cover all steps."""
@@ -180,7 +207,7 @@ def test_example_motion_solves_problem(name: str, loaded: dict) -> None:
     for task, problem in tasks:
         reached = False
         for step in range(task.goal.last + 1):
-            pose = task.example.pose(step)
+            pose = frame.turned_pose(task.example.pose(step))
             area = overview.outline(pose, EGO)
             assert not any(area.intersects(other) for other in bodies_at(scenario, step)), step
             assert road.contains(area), step

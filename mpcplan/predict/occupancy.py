@@ -1,10 +1,11 @@
 """Forecasts along a reference path: which (s, d) every obstacle occupies at every time step."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from typing import Any
 
 import numpy as np
 
-from mpcplan.observation import Box, Forecast, box_outline
+from mpcplan.observation import Box, Forecast, at_steps, box_outline
 from mpcplan.road.frame import Frame
 from mpcplan.trajectory import Array
 
@@ -23,6 +24,7 @@ class Occupancy:
         v: speed along the path [m/s].
         turn: heading relative to the path [rad].
         length, width: of the rectangle [m].
+        held: (o,) obstacles that keep their place before and after what is predicted.
     """
 
     first_step: int
@@ -37,25 +39,26 @@ class Occupancy:
     turn: Array
     length: Array
     width: Array
+    held: Array | None = None
 
     def window(self, first: int, count: int) -> "Occupancy":
         """The time steps [first, first + count); NaN where nothing is predicted."""
-        index = np.arange(first, first + count) - self.first_step
-        inside = (index >= 0) & (index < self.s.shape[1])
-        index = np.clip(index, 0, max(self.s.shape[1] - 1, 0))
+        steps = np.arange(first, first + count)
+        cut: dict[str, Any] = {
+            name: at_steps(getattr(self, name), self.first_step, self.held, steps)
+            for name in VALUES
+        }
+        return replace(self, first_step=first, **cut)
 
-        def cut(values: Array) -> Array:
-            return np.where(inside, values[:, index], np.nan)
 
-        names = [f.name for f in fields(self) if f.name not in ("first_step", "ids")]
-        return Occupancy(first, self.ids, *(cut(getattr(self, name)) for name in names))
+VALUES = tuple(f.name for f in fields(Occupancy) if f.name not in ("first_step", "ids", "held"))
 
 
 def occupancy(forecast: Forecast, frame: Frame) -> Occupancy:
     """Projects a forecast onto a reference path."""
     boxes = forecast.boxes
     shape = boxes.shape[:2]
-    arrays = [np.full(shape, np.nan) for _ in range(len(fields(Occupancy)) - 2)]
+    arrays = [np.full(shape, np.nan) for _ in VALUES]
     there = np.isfinite(boxes[..., Box.X])
     if there.any():
         low, high = frame.points.min(0) - NEAR, frame.points.max(0) + NEAR
@@ -64,7 +67,8 @@ def occupancy(forecast: Forecast, frame: Frame) -> Occupancy:
         inside[there] = ((centre > low) & (centre < high)).all(1)
         for array, values in zip(arrays, _project(boxes[inside], frame), strict=True):
             array[inside] = values
-    return Occupancy(forecast.first_step, forecast.ids, *arrays)
+    named = dict(zip(VALUES, arrays, strict=True))
+    return Occupancy(forecast.first_step, forecast.ids, **named, held=forecast.held)
 
 
 def _project(boxes: Array, frame: Frame) -> tuple[Array, ...]:

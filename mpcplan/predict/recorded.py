@@ -12,7 +12,7 @@ from commonroad.scenario.state import TraceState
 from mpcplan.observation import Box, Forecast, Observation
 from mpcplan.trajectory import Array
 
-STATIC_STEPS = 1  # static obstacles alone still give a forecast of one step
+STATIC_STEPS = 1  # a record of static obstacles alone; they are held beyond it
 
 
 class Recorded:
@@ -38,7 +38,7 @@ def record(scenario: Scenario) -> Forecast:
     for row, obstacle in enumerate(static, start=len(dynamic)):
         boxes[row] = box_of(obstacle.obstacle_shape, obstacle.initial_state)
     ids = tuple(o.obstacle_id for o in [*dynamic, *static])
-    return Forecast(0, ids, boxes)
+    return Forecast(0, ids, boxes, np.arange(len(ids)) >= len(dynamic))
 
 
 def static_ids(scenario: Scenario) -> frozenset[int]:

@@ -106,7 +106,8 @@ class Problem:
         self._latest: tuple[Iterate, _Values] | None = None
         road = seed.road
         s = seed.states[: n + 1, Stage.S]
-        self.lane = np.interp(s, road.frame.s, road.limits.lane)
+        d = seed.states[: n + 1, Stage.D]
+        self.lane = d - road.limits.lane_offset(road.frame, s, d)  # the lane nearest to the seed
         self.speed_limit = np.maximum(np.interp(s, road.frame.s, road.limits.posted), 0.5)
         self.terminal = np.zeros(len(Stage)) if goal else np.array(config.refine.terminal)
         start = abs(float(x0[Stage.V] ** 2 / CAR.wheelbase * np.tan(x0[Stage.DELTA])))

@@ -12,11 +12,10 @@ import shapely
 from commonroad.scenario.lanelet import Lanelet, LaneletNetwork, LaneletType
 from commonroad.scenario.scenario import Scenario
 from commonroad.scenario.traffic_sign_interpreter import TrafficSignInterpreter
-from commonroad_dc.boundary import construction
-from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from mpcplan.config import RoadConfig
+from mpcplan.road.boundary import official_boundary
 from mpcplan.road.frame import Frame
 from mpcplan.trajectory import Array
 
@@ -56,6 +55,16 @@ class Limits:
     speed: Array
     end: float
 
+    def lane_offset(self, frame: Frame, s: Array, d: Array) -> Array:
+        """Offsets [m] of points (s, d) from the nearest of the lanes' centres there."""
+        centres = np.stack(
+            [np.interp(s, frame.s, lane) for lane in (self.lane, self.lane_left, self.lane_right)]
+        )
+        gap = np.where(np.isfinite(centres), d - centres, np.inf)
+        nearest = np.abs(gap).argmin(axis=0)
+        offset: Array = np.take_along_axis(gap, nearest[None], 0)[0]
+        return offset
+
 
 def drivable_area(scenario: Scenario) -> shapely.Geometry:
     """The area that a body must not leave, prepared for queries.
@@ -82,16 +91,6 @@ def _without_small_holes(area: shapely.Geometry) -> shapely.Geometry:
         kept = [hole for hole in holes if shapely.area(shapely.polygons(hole)) > HOLE]
         parts.append(shapely.polygons(shell, holes=kept or None))
     return shapely.union_all(parts)
-
-
-def official_boundary(scenario: Scenario) -> NDArray[np.object_]:
-    """Triangles of the official checker's road boundary; none where it cannot be built."""
-    try:
-        built = construction.construct(scenario, ["section_triangles", "triangulation"])
-        triangles = [np.array(t.vertices()) for t in built["triangulation"].unpack()]
-    except Exception:  # the construction raises bare exceptions; the union alone then holds
-        triangles = []
-    return shapely.polygons(np.array(triangles).reshape(-1, 3, 2))
 
 
 def build_limits(

@@ -29,7 +29,7 @@ def trajectory_cost(
     centre_s = after[:, Stage.S] + CAR.rear_to_centre * np.cos(after[:, Stage.MU])
     centre_d = after[:, Stage.D] + CAR.rear_to_centre * np.sin(after[:, Stage.MU])
     gap = gap_ahead(centre_s, centre_d, occupancy.window(first_step + 1, len(after)), config)
-    offset = centre_d - np.interp(after[:, Stage.S], road.frame.s, road.limits.lane)
+    offset = road.limits.lane_offset(road.frame, after[:, Stage.S], centre_d)
     limit = np.interp(after[:, Stage.S], road.frame.s, road.limits.posted)
     over = np.maximum(after[:, Stage.V] - np.maximum(limit, 0.1), 0.0)
     rate = cost.jerk * jerk**2 + cost.steering_rate * steering**2 + cost.lane * offset**2

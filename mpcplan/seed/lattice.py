@@ -255,11 +255,12 @@ def _cost(
     lead = blocked.lead[path, table.ks, index]
     closeness = np.exp(-cost.distance_decay * (lead - cost.distance_offset))
     centre = paths.d + CAR.rear_to_centre * np.sin(paths.mu)
+    offset = road.limits.lane_offset(road.frame, paths.s, centre)
     limit = np.interp(paths.s, road.frame.s, road.limits.posted)[:, index]
     speeding = np.maximum(v - np.maximum(limit, 0.1), 0.0) ** 2
     rate = cost.steering_rate * (paths.delta_slope**2)[:, index] * v**2
     rate = rate + cost.distance * closeness + SPEEDING * speeding
-    rate = rate + cost.lane * (centre**2)[:, index]
+    rate = rate + cost.lane * (offset**2)[:, index]
     total = np.where(table.alive, rate, 0.0) @ table.dt
     total = total + jerked[np.arange(len(v)), table.k_end]
     return total + np.where(table.reached, 0.0, _missed(road, paths, profiles, table, config))

@@ -109,7 +109,7 @@ def _tables(road: Road, paths: Paths, blocked: Blocked, path: int, config: Confi
         paths.spacing,
         (blocked.owner[path] >= 0) | off_road[None],
         cost.distance * np.exp(-cost.distance_decay * (blocked.lead[path] - cost.distance_offset)),
-        cost.lane * paths.d[path] ** 2,
+        cost.lane * road.limits.lane_offset(road.frame, paths.s[path], paths.d[path]) ** 2,
         paths.delta_slope[path],
         np.abs(paths.kappa[path]),
         np.interp(paths.s[path], road.frame.s, road.limits.speed),

@@ -7,6 +7,9 @@ from typing import Any
 from mpcplan.road.road import Road
 from mpcplan.trajectory import Array
 
+COLLISION = "collision"  # the constraint that names an obstacle
+TOLD_REJECTIONS = 2
+
 
 class Stage(IntEnum):
     """Columns of a Frenet trajectory: m, m, rad, m/s, rad, m/s^2 (acceleration of the step)."""
@@ -110,3 +113,17 @@ def _together(a: SeedReport, b: SeedReport) -> SeedReport:
         a.source, a.candidates + b.candidates, a.accepted + b.accepted,
         a.reaching_goal + b.reaching_goal, rejected,
     )  # fmt: skip
+
+
+def words(report: SeedReport) -> str:
+    """A report in words: how many passed, and what refused most of the others."""
+    told = (
+        f"{report.accepted} of {report.candidates} candidates of the {report.source} were "
+        f"drivable, {report.reaching_goal} reached the goal"
+    )
+    often = sorted(report.rejected.items(), key=lambda item: (item[0] != COLLISION, -item[1].count))
+    for name, rejection in often[:TOLD_REJECTIONS]:
+        where = "" if rejection.obstacle is None else f" with obstacle {rejection.obstacle}"
+        when = "" if rejection.step is None else f" at step {rejection.step}"
+        told += f", {rejection.count} refused by {name}{where}{when}"
+    return told

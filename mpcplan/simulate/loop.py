@@ -133,20 +133,5 @@ class _Loop:
         if falls:
             cause += f"; first fallback at step {falls[0][0]}: {falls[0][1]}"
         elif cycles and not cycles[-1].plan.reaches_goal:
-            cause += f"; no plan reached the goal: {_refusals(cycles[0])}"
+            cause += f"; no plan reached the goal: {cycles[0].plan.trace['refusals']}"
         return cause
-
-
-def _refusals(cycle: Cycle) -> str:
-    """What refused the candidates of a cycle."""
-    parts = []
-    for source, report in cycle.plan.trace["seeds"].items():
-        parts.append(
-            f"{report['accepted']} of {report['candidates']} candidates of the {source} were "
-            f"drivable, {report['reaching_goal']} reached the goal"
-        )
-        worst = sorted(report["rejected"].items(), key=lambda item: -item[1]["count"])[:2]
-        for name, rejection in worst:
-            where = f" with obstacle {rejection['obstacle']}" if rejection["obstacle"] else ""
-            parts.append(f"{rejection['count']} refused by {name}{where}")
-    return ", ".join(parts) or "no candidates"

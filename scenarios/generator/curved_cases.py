@@ -8,6 +8,7 @@ from typing import NamedTuple
 from commonroad.scenario.obstacle import ObstacleType
 from commonroad.scenario.scenario import Tag
 
+from .frame import MAP_TURN
 from .junctions import Roundabout, on_ramp, roundabout, t_junction
 from .model import TRUCK, Actor, Case, Goal, Range, Task, Zone
 from .motion import Motion, Phase, Shift
@@ -90,7 +91,8 @@ def goal_intervals() -> Case:
         [Actor(Motion(b.right, 60.0, 11.0)), Actor(Motion(b.oncoming, 60.0, 9.0))],
         (Tag.URBAN, Tag.LANE_FOLLOWING, Tag.ONCOMING_TRAFFIC, Tag.SPEED_LIMIT),
         "Gentle left curve with a speed limit of 40 km/h; the car ahead drives away.",
-        "rectangle, 6 to 8 m/s, orientation 0.873 +- 0.1 rad, steps 95 to 110",
+        f"rectangle, 6 to 8 m/s, orientation {angle + MAP_TURN:.3f} +- {tolerance} rad, "
+        "steps 95 to 110",
         "Slow down from 11 to 7 m/s so that place, speed, heading and time fit together.",
     )
 

@@ -20,6 +20,7 @@ from commonroad.scenario.state import CustomState, ExtendedPMState, InitialState
 from commonroad.scenario.trajectory import Trajectory
 from lxml import etree
 
+from .frame import MAP_TURN, turned_points, turned_pose
 from .model import Actor, Case, Goal, Task
 from .motion import TIME_STEP, Pose
 
@@ -68,11 +69,12 @@ def _recorded_state(pose: Pose, step: int) -> ExtendedPMState:
 
 def _obstacle(actor: Actor, number: int, last_step: int) -> StaticObstacle | DynamicObstacle:
     shape = Rectangle(*actor.size)
-    start = _initial_state(actor.motion.pose(0), ego=False)
+    poses = [turned_pose(actor.motion.pose(step)) for step in range(last_step + 1)]
+    start = _initial_state(poses[0], ego=False)
     obstacle_id = OBSTACLE_ID_BASE + number
     if actor.static:
         return StaticObstacle(obstacle_id, actor.kind, shape, start)
-    states = [_recorded_state(actor.motion.pose(k), k) for k in range(1, last_step + 1)]
+    states = [_recorded_state(pose, step) for step, pose in enumerate(poses[1:], start=1)]
     prediction = TrajectoryPrediction(Trajectory(1, states), shape)
     return DynamicObstacle(obstacle_id, actor.kind, shape, start, prediction)
 
@@ -83,21 +85,23 @@ def _goal_region(goal: Goal, network: LaneletNetwork) -> GoalRegion:
     lanelets = None
     if goal.zone is not None:
         path, s, length, width = goal.zone
-        centre = np.array([short(c) for c in path.point(s)])
-        conditions["position"] = Rectangle(length, width, centre, short(path.heading(s)))
+        centre = np.array([short(c) for c in turned_points(path.point(s))])
+        heading = short(path.heading(s) + MAP_TURN)
+        conditions["position"] = Rectangle(length, width, centre, heading)
     elif goal.lanelets:
         shapes = [network.find_lanelet_by_id(i).polygon for i in goal.lanelets]
         conditions["position"] = ShapeGroup(shapes)
         lanelets = {0: list(goal.lanelets)}
     if goal.orientation is not None:
-        conditions["orientation"] = AngleInterval(*map(short, goal.orientation))
+        limits = (short(limit + MAP_TURN) for limit in goal.orientation)
+        conditions["orientation"] = AngleInterval(*limits)
     if goal.velocity is not None:
         conditions["velocity"] = Interval(*map(short, goal.velocity))
     return GoalRegion([CustomState(**conditions)], lanelets)
 
 
 def _planning_problem(task: Task, number: int, network: LaneletNetwork) -> PlanningProblem:
-    start = _initial_state(task.example.pose(0), ego=True)
+    start = _initial_state(turned_pose(task.example.pose(0)), ego=True)
     return PlanningProblem(PROBLEM_ID_BASE + number, start, _goal_region(task.goal, network))
 
 

@@ -58,7 +58,10 @@ class Range(NamedTuple):
 
 @dataclass(frozen=True)
 class Goal:
-    """Time interval in steps and optional conditions (velocity [m/s], orientation [rad])."""
+    """Time interval in steps and optional conditions.
+
+    The velocity is in m/s; the orientation [rad] is meant before the map is turned.
+    """
 
     first: int
     last: int

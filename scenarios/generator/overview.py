@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from shapely.affinity import rotate, translate
 from shapely.geometry import Polygon, box
 
+from .frame import MAP_TURN
 from .model import EGO_LENGTH, EGO_WIDTH, Actor, Case, Size, Task
 from .motion import Motion, Pose
 
@@ -23,7 +24,7 @@ TRAIL_STRIDE = 20  # steps between two drawn outlines of a moving vehicle
 FLAT_HEIGHT = 12.0  # below this height [m] a road is stretched to fill its tile
 ROAD_COLOR, ACTOR_COLOR, EGO_COLOR, GOAL_COLOR = "0.86", "tab:blue", "tab:red", "gold"
 
-README_HEAD = """# Scenarios
+README_HEAD = f"""# Scenarios
 
 Small CommonRoad 2020a scenarios (dt = 0.1 s) with recorded traffic, each made for one situation.
 They are written by a deterministic generator, so every run gives the same bytes:
@@ -37,10 +38,16 @@ simple example motion per planning problem; the tests use it to show that each s
 solvable. The scenarios are described in `generator/straight_cases.py` and
 `generator/curved_cases.py`.
 
+All maps are turned by {MAP_TURN} rad about the origin, so that no straight road is parallel to an
+axis: the official cost evaluator takes an obstacle whose orientation is exactly 0 for an
+axis-aligned rectangle without a centre and leaves it out of the distance cost, which would then
+be 0 on straight roads.
+
 ![overview](overview.png)
 
 In the picture the red car is the start, the dotted line the example motion, yellow the goal, blue
-the other road users, drawn every 2 s. Roads without curves are stretched sideways.
+the other road users, drawn every 2 s. It shows the maps before they are turned, and the compass
+directions in the table refer to it. Roads without curves are stretched sideways.
 
 """
 

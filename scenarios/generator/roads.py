@@ -16,6 +16,7 @@ from commonroad.scenario.traffic_sign import (
     TrafficSignIDZamunda,
 )
 
+from .frame import turned_points
 from .paths import Path
 
 LANE_WIDTH = 3.5  # [m]
@@ -138,17 +139,17 @@ class RoadMap:
 
     def limit_speed(self, speed: float, path: Path, s: float) -> None:
         """Speed limit [m/s] for all lanelets, with the sign right of the road at station `s`."""
-        position = rounded(path.point(s, -LANE_WIDTH - SIGN_MARGIN))
-        self.limits.append((speed, position))
+        self.limits.append((speed, path.point(s, -LANE_WIDTH - SIGN_MARGIN)))
 
     def network(self) -> LaneletNetwork:
-        """The finished lanelet network."""
+        """The finished lanelet network in the frame of the file."""
         network = LaneletNetwork()
         for lanelet_id, draft in self.drafts.items():
             network.add_lanelet(self._lanelet(lanelet_id, draft))
         for number, (speed, position) in enumerate(self.limits, start=1):
             element = TrafficSignElement(TrafficSignIDZamunda.MAX_SPEED, [f"{speed:.2f}"])
-            sign = TrafficSign(SIGN_ID_BASE + number, [element], {min(self.drafts)}, position)
+            place = rounded(turned_points(position))
+            sign = TrafficSign(SIGN_ID_BASE + number, [element], {min(self.drafts)}, place)
             network.add_traffic_sign(sign, set(self.drafts))
         for intersection in self.intersections:
             network.add_intersection(intersection)
@@ -157,10 +158,11 @@ class RoadMap:
     def _lanelet(self, lanelet_id: int, draft: Draft) -> Lanelet:
         left_id, left_same = draft.beside_left or (None, None)
         right_id, right_same = draft.beside_right or (None, None)
+        left, right = rounded(turned_points(draft.left)), rounded(turned_points(draft.right))
         return Lanelet(
-            draft.left,
-            0.5 * (draft.left + draft.right),
-            draft.right,
+            left,
+            0.5 * (left + right),
+            right,
             lanelet_id,
             draft.predecessors,
             draft.successors,
