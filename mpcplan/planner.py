@@ -60,6 +60,7 @@ class Planner:
         self.roads = build_roads(loaded.scenario, problem.planning_problem, self.config.road)
         self._predict = make_predictor(loaded.scenario, self.config.predict)
         self._last: Option | None = None
+        self._driven: tuple[Trajectory, Forecast] | None = None
         self._occupancies: dict[int, tuple[Forecast, Occupancy]] = {}
 
     def plan(self, observation: Observation) -> Plan:
@@ -73,6 +74,7 @@ class Planner:
             cycle.notes.extend(words(report) for report in reports)
         chosen, fallback = self._choose(cycle, options, refusals)
         self._last = chosen if chosen.seed is not None else None
+        self._driven = chosen.trajectory, forecast
         trace = {
             "step": observation.step,
             "source": chosen.source,
@@ -86,6 +88,19 @@ class Planner:
             "times_ms": clock.milliseconds(),
         }
         return Plan(chosen.trajectory, chosen.source, chosen.reaches_goal, chosen.finding, trace)
+
+    def still_safe(self, observation: Observation) -> bool:
+        """Whether what is left of the plan being driven is safe at a new observation."""
+        if self._driven is None:
+            return False
+        plan, known = self._driven
+        forecast = self._predict(observation)
+        if forecast is known:  # nothing new has been learnt: it was verified against just this
+            return True
+        if observation.step >= plan.last_step:
+            return True  # nothing is left that could be unsafe; the next cycle is due anyway
+        rest = plan.since(observation.step)
+        return verify(rest, forecast, self.roads[0].area, self.config.verify).ok
 
     # -- seeds ----------------------------------------------------------------------------------
 

@@ -53,7 +53,7 @@ def frame_of(curvature: Curvature, length: float) -> Frame:
 def road_of(
     frame: Frame, *goals: GoalWindow, right: float = -1.75, left: float = 5.25, speed: float = 40.0
 ) -> Road:
-    """A road along a frame: the own lane about d = 0, one more to the left at d = 3.5 m."""
+    """A road along a frame: the own lane about d = 0, others 3.5 m beside where there is room."""
     n = len(frame.s)
 
     def constant(value: float) -> Array:
@@ -63,8 +63,8 @@ def road_of(
         left=constant(left),
         right=constant(right),
         lane=constant(0.0),
-        lane_left=constant(3.5),
-        lane_right=constant(np.nan),
+        lane_left=constant(3.5 if left >= 5.25 else np.nan),
+        lane_right=constant(-3.5 if right <= -5.25 else np.nan),
         posted=constant(speed),
         speed=constant(speed),
         end=frame.length,
@@ -129,6 +129,7 @@ class Reference:
         x0: (6,) s, d, mu, v, delta, a at step 0.
         n: steps N.
         curvature: kappa(s), made of CasADi operations.
+        lane: offset of the lane's centre that counts [m].
         lead: arc length of the leader's centre, inf where there is none.
         s_min, s_max: bounds of the rear axle.
         body: (low, high) bounds [m] of the body's sides on a straight road, or None: not asked.
@@ -141,6 +142,7 @@ class Reference:
     x0: Array
     n: int
     curvature: Callable[[ca.MX], ca.MX]
+    lane: Array
     lead: Array
     s_min: Array
     s_max: Array
@@ -213,7 +215,7 @@ def _cost(reference: Reference, opti: ca.Opti, x: ca.MX, u: ca.MX) -> ca.MX:
     for k in range(reference.n):
         s, d, mu, v = (x[i, k + 1] for i in range(4))
         rate = cost.jerk * u[0, k] ** 2 + cost.steering_rate * u[1, k] ** 2
-        rate += cost.lane * (d + CAR["b"] * ca.sin(mu)) ** 2
+        rate += cost.lane * (d + CAR["b"] * ca.sin(mu) - reference.lane[k]) ** 2
         if np.isfinite(reference.lead[k]):
             gap = reference.lead[k] - s - CAR["b"] - cost.distance_offset
             rate += cost.distance * ca.exp(-cost.distance_decay * gap)

@@ -304,10 +304,20 @@ def test_an_infeasible_problem_leaves_a_cause(tmp_path):
     run = drive(walled(tmp_path, 34.0))
     driven = run.drives[0]
     assert not run.solved and driven.reached_step is None and not driven.collided
-    assert run.cause.startswith("the goal was not reached at step 40; no plan reached the goal")
-    assert "candidates of the lattice were drivable, 0 reached the goal" in run.cause
-    assert "refused by collision with obstacle 55" in run.cause
-    assert driven.trajectory.states[-1, State.V] < 1.0
+    assert run.cause.startswith("the goal was not reached at step 40; ")
+    assert "with obstacle 55" in run.cause
+    assert driven.cycles[-1].plan.finding.ok  # what is left of the way leads to a stop
+    assert driven.trajectory.states[-1, State.V] < 3.0
+
+
+def test_a_goal_out_of_reach_leaves_the_candidates_as_the_cause(tmp_path):
+    """Nothing is in the way; the goal is 80 m ahead and due within 4 s."""
+    start = made.state(10, made.LANE / 2, 5)
+    path = made.write(tmp_path, made.problem(100, start, made.rectangle_goal(90)), obstacles=[])
+    cause = drive(load(path)).cause
+    assert cause.startswith("the goal was not reached at step 40; no plan reached the goal")
+    assert "candidates of the lattice were drivable, 0 reached the goal" in cause
+    assert "refused by" in cause
 
 
 def test_a_collision_that_cannot_be_helped_ends_the_drive_with_its_cause(tmp_path):

@@ -13,9 +13,10 @@ from reference_ocp import DT, Reference, Track, frame_of, occupancy_of, road_of,
 
 from mpcplan.config import Config
 from mpcplan.predict.occupancy import Occupancy
+from mpcplan.refine.constraints import Iterate
 from mpcplan.refine.corridor import build_corridor
 from mpcplan.refine.model import linearise, propagate
-from mpcplan.refine.problem import SLACK_CURVATURE, Iterate, Problem
+from mpcplan.refine.problem import SLACK_CURVATURE, Problem
 from mpcplan.refine.qp import Answer, QpSolver
 from mpcplan.refine.refine import refine
 from mpcplan.refine.sqp import SqpResult, solve
@@ -400,8 +401,9 @@ def reference_of(problem: Problem, case: Case, result: SqpResult) -> ref.Optimum
         low = np.maximum(-1.75, corridor.d_min - half)
         body = low, np.minimum(5.25, corridor.d_max + half)
     numbers = Reference(
-        problem.x0, n, lambda s: case.curvature(s, ca.exp), corridor.lead, corridor.s_min,
-        corridor.s_max, body, BODY_POINTS, problem.lateral_limit, problem.goal, problem.terminal,
+        problem.x0, n, lambda s: case.curvature(s, ca.exp), problem.lane[1 : n + 1],
+        corridor.lead, corridor.s_min, corridor.s_max, body, BODY_POINTS, problem.lateral_limit,
+        problem.goal, problem.terminal,
         problem.seed.states[n], problem.speed_limit[1 : n + 1], problem.config,
     )  # fmt: skip
     return ref.solve(numbers, result.z.x, result.z.u)

@@ -27,7 +27,7 @@ from mpcplan.road.goal import GoalWindow
 from mpcplan.road.road import Road
 from mpcplan.seed.blocked import block
 from mpcplan.seed.candidates import Effort, find_seeds
-from mpcplan.seed.lattice import SPEEDING, lattice
+from mpcplan.seed.lattice import lattice
 from mpcplan.seed.paths import Paths, frenet_pose, sample_paths
 from mpcplan.seed.polynomials import evaluate, quartic, quintic
 from mpcplan.seed.profiles import Arrival, Motion, Profiles, sample_profiles
@@ -357,7 +357,7 @@ def direct_cost(seed: Seed, part: str, window: Occupancy, speed: float) -> float
         if part == "lane" and k:
             total += DT * cost.lane * centre_d**2
         if part == "speeding" and k:
-            total += DT * SPEEDING * max(x[k, Stage.V] - speed, 0.0) ** 2
+            total += DT * Config().refine.speeding * max(x[k, Stage.V] - speed, 0.0) ** 2
         if part == "distance" and k:
             ahead = window.s[:, k] - centre_s
             ahead = ahead[(ahead > 0) & (np.abs(window.d[:, k] - centre_d) < cost.distance_lateral)]

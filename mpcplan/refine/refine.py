@@ -7,8 +7,9 @@ import numpy as np
 
 from mpcplan.config import Config
 from mpcplan.predict.occupancy import Occupancy
+from mpcplan.refine.constraints import Iterate
 from mpcplan.refine.corridor import build_corridor, narrowed
-from mpcplan.refine.problem import Iterate, Problem
+from mpcplan.refine.problem import Problem
 from mpcplan.refine.sqp import SqpResult, solve
 from mpcplan.road.goal import GoalWindow
 from mpcplan.seed.goal_fit import speed_fits

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 
 from mpcplan.config import RefineConfig
-from mpcplan.refine.problem import STATE_SCALE, Iterate, Problem, Quadratic
+from mpcplan.refine.constraints import Iterate
+from mpcplan.refine.problem import STATE_SCALE, Problem, Quadratic
 from mpcplan.refine.qp import QpSolver
 from mpcplan.seed.seed import Stage
 from mpcplan.trajectory import Array

@@ -29,7 +29,6 @@ CELL_SIGMA = 0.75  # m, labels this close
 CELL_V = 0.5  # m/s, and this close in speed share a cell
 LONG_STEPS = 50  # horizons beyond this have cells
 LONG_CELLS = 1.5  # times as large
-SPEEDING = 0.5  # 1/(m^2/s^3), weight of the squared excess over the speed limit
 ACTUATOR_SHARE = 0.95  # of the limits that the search uses
 ROLLING = 1e-6  # m/s, slower is standing
 
@@ -146,7 +145,7 @@ def _grow(
         steering = (tables.delta_slope[at] * v) ** 2
         excess = np.maximum(v - np.maximum(tables.speed[at], 0.1), 0.0) ** 2
         rate = tables.closeness[k, at] + tables.offset[at] + config.cost.steering_rate * steering
-        cost = cost + dt * (rate + SPEEDING * excess)
+        cost = cost + dt * (rate + config.refine.speeding * excess)
         slow = np.abs(tables.delta_slope[at]) * v - CAR.v_delta_max
         allowed &= slow <= config.seed.steering_slack
         cost = cost + dt * config.seed.slack_cost * np.maximum(slow, 0.0)

@@ -6,13 +6,13 @@ step of the goal has passed.
 """
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
 
 from mpcplan.config import Config
 from mpcplan.errors import RoadError
-from mpcplan.observation import Observation, Snapshot
+from mpcplan.observation import Observation
 from mpcplan.planner import Planner
 from mpcplan.road.goal import is_reached
 from mpcplan.scenario import LoadedScenario, Problem
@@ -81,27 +81,32 @@ class _Loop:
 
     def _cycle(self, driven: Trajectory) -> Cycle:
         """One planning cycle at the end of what was driven."""
-        before = float(driven.inputs[-1, Input.A]) if len(driven.inputs) else 0.0
-        seen = Observation(
-            driven.last_step, driven.states[-1], before, tuple(self._history(driven))
-        )
+        seen = self._observe(driven)
         start = time.perf_counter()
         plan = self._planner.plan(seen)
         return Cycle(driven.last_step, plan, time.perf_counter() - start)
 
-    def _history(self, driven: Trajectory) -> Iterator[Snapshot]:
+    def _observe(self, driven: Trajectory) -> Observation:
+        """What the planner may know at the end of what was driven."""
+        before = float(driven.inputs[-1, Input.A]) if len(driven.inputs) else 0.0
         first = max(driven.first_step, driven.last_step - HISTORY)
-        return (self._traffic.at(step) for step in range(first, driven.last_step + 1))
+        others = tuple(self._traffic.at(step) for step in range(first, driven.last_step + 1))
+        return Observation(driven.last_step, driven.states[-1], before, others)
 
     def _execute(self, driven: Trajectory, cycle: Cycle) -> Trajectory:
-        """The plan's first steps added to what was driven."""
+        """The plan's first steps added to what was driven, up to the first surprise."""
         plan = cycle.plan.trajectory
         if len(plan.inputs) == 0:  # at rest with nothing planned: wait a step
             plan = Trajectory(
                 plan.first_step, np.repeat(plan.states, 2, axis=0), np.zeros((1, 2)), plan.dt
             )
-        steps = min(self._every, len(plan.inputs), self._end - driven.last_step)
-        return driven.then(plan.until(driven.last_step + steps))
+        first = driven.last_step
+        last = first + min(self._every, len(plan.inputs), self._end - first)
+        for step in range(first + 1, last + 1):
+            driven = driven.then(plan.since(step - 1).until(step))
+            if step < last and not self._planner.still_safe(self._observe(driven)):
+                break
+        return driven
 
     def _reached(self, driven: Trajectory) -> int | None:
         """The first of the last executed steps that lies in the goal."""
