@@ -150,11 +150,11 @@ class RefineConfig(Section):
     )
     backend: Backend = par("osqp", "", "QP solver of the subproblems when a plan goes on")
     fresh_backend: Backend = par(
-        "osqp then piqp",
+        "piqp",
         "",
         "QP solver for a fresh seed; 'then': where OSQP's answer could not be polished",
     )
-    fresh_iterations: int = par(12, "1", "SQP iterations at most for a fresh seed", ge=1, le=200)
+    fresh_iterations: int = par(10, "1", "SQP iterations at most for a fresh seed", ge=1, le=200)
     qp_iterations: int = par(150, "1", "OSQP iterations at most per subproblem", ge=10, le=100000)
     qp_tolerance: float = par(1e-4, "1", "OSQP's absolute and relative tolerance", gt=0, le=0.1)
     line_search: int = par(6, "1", "halvings of a step at most", ge=0, le=30)

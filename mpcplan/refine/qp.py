@@ -1,11 +1,12 @@
 """The quadratic subproblems' solvers: min p' H p / 2 + g' p  s.t.  low <= A p <= high.
 
-OSQP is asked first. Variables are scaled by typical sizes and rows by their largest entry before
-it sees them, and its answer is polished; where polishing does not succeed, the answer is only as
-good as ADMM's tolerance, which costs the refinement up to a fifth of its result in lane changes.
-Such a subproblem is handed to an interior-point solver (PIQP through CasADi), which is exact at
-about the same price. Only iterations are limited, never time, so that the same problem gives the
-same answer on every machine.
+OSQP solves them when a plan goes on: variables are scaled by typical sizes and rows by their
+largest entry before it sees them, its answer is polished, and the next cycle improves on it anyway.
+For a fresh seed an answer of ADMM's tolerance costs up to a fifth of the result (lane changes,
+measured against IPOPT); there an interior-point solver is the default, PIQP through CasADi, which
+is exact at a lower price. 'osqp then piqp' asks the second only where the first could not be
+polished. Only iterations are limited, never time, so that the same problem gives the same answer
+on every machine.
 
 Sources: Stellato et al.: OSQP, Mathematical Programming Computation 12 (2020); Schwan, Jiang, Kuhn,
 Jones: PIQP, a proximal interior-point quadratic programming solver (CDC 2023).
