@@ -51,7 +51,9 @@ def with_cost(config: Config, **changes: object) -> Config:
     return config.model_copy(update={"cost": config.cost.model_copy(update=changes)})
 
 
-ACCURATE = with_refine(Config(), iterations=60, gain=0.0, tolerance=1e-5, backend="piqp")
+ACCURATE = with_refine(
+    Config(), fresh_iterations=60, fresh_backend="piqp", gain=0.0, tolerance=1e-5
+)
 
 
 def keeping_seed(road: Road, state: Array, n: int, a: float = 0.0) -> Seed:
@@ -429,6 +431,7 @@ def test_default_settings_come_within_a_hundredth_of_the_optimum(name):
 def test_kkt_residuals_are_small_at_the_solution(name):
     problem, result, _ = both(name, True)
     assert result.status == "converged"
+    assert result.iterations > 0 and result.qp_iterations >= 0
     assert result.kkt.stationarity < 2e-2
     assert result.kkt.defect < 1e-6
     assert result.kkt.bounds < 1e-6

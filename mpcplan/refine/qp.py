@@ -14,6 +14,7 @@ Jones: PIQP, a proximal interior-point quadratic programming solver (CDC 2023).
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -125,30 +126,54 @@ class QpSolver:
 
 
 class PiqpSolver:
-    """PIQP through CasADi, one workspace per sparsity."""
+    """PIQP through CasADi, one workspace per sparsity.
+
+    Data goes through CasADi's function buffer, which reads our arrays where they lie: converting
+    them to CasADi's own matrices would cost a sixth of the solution.
+    """
 
     def __init__(self) -> None:
-        self._solver: ca.Function | None = None
+        self._ready = False
 
     def __call__(self, scaled: Scaled) -> Answer:
         """The answer to a scaled problem."""
         upper, g, a, low, high = scaled
-        h = (upper + sp.triu(upper, 1).T).tocsc()
-        h.sort_indices()
-        if self._solver is None:
-            self._h, self._a = (_pattern(m) for m in (h, a))
-            options = {"error_on_fail": False, "print_time": False}
-            self._solver = ca.conic("qp", "piqp", {"h": self._h, "a": self._a}, options)
+        if not self._ready:
+            self._prepare(upper, a)
         # a bound that never binds is dropped; a row without any keeps one, or PIQP complains
         none = low < -FREE
         low, high = np.where(none, -np.inf, low), np.where((high > FREE) & ~none, np.inf, high)
-        found = self._solver(
-            h=ca.DM(self._h, h.data), g=g, a=ca.DM(self._a, a.data), lba=low, uba=high
-        )
-        stats = self._solver.stats()
+        for array, values in zip(
+            self._data, (upper.data[self._mirror], g, a.data, low, high), strict=True
+        ):
+            array[:] = values
+        self._run()
+        stats = self._buffer.stats()
         status = EXACT if stats["success"] else f"failed ({stats.get('return_status', '?')})"
-        p, y = (np.asarray(found[name]).ravel() for name in ("x", "lam_a"))
-        return Answer(p, y, status, int(stats.get("iter_count", 0) or 0))
+        iterations = max(int(stats.get("iter_count") or 0), 0)  # -1: not told
+        return Answer(self._p.copy(), self._y.copy(), status, iterations)
+
+    def _prepare(self, upper: sp.csc_matrix, a: sp.csc_matrix) -> None:
+        """Builds the solver for a sparsity and ties its arguments to arrays."""
+        numbered = sp.csc_matrix(
+            (np.arange(1.0, upper.nnz + 1), upper.indices, upper.indptr), shape=upper.shape
+        )
+        h = (numbered + sp.triu(numbered, 1).T).tocsc()
+        h.sort_indices()
+        self._mirror = h.data.astype(int) - 1  # entry of the upper triangle for each of the whole
+        options = {"error_on_fail": False, "print_time": False}
+        self._solver = ca.conic("qp", "piqp", {"h": _pattern(h), "a": _pattern(a)}, options)
+        made: Any = self._solver.buffer()
+        self._buffer, self._run = made
+        rows, columns = a.shape
+        self._data = [np.empty(k) for k in (h.nnz, columns, a.nnz, rows, rows)]
+        bounds = [np.full(columns, -np.inf), np.full(columns, np.inf)]
+        self._p, self._y = np.empty(columns), np.empty(rows)
+        for index, array in enumerate([*self._data, *bounds]):  # h, g, a, lba, uba, lbx, ubx
+            self._buffer.set_arg(index, array.data)
+        self._buffer.set_res(0, self._p.data)
+        self._buffer.set_res(2, self._y.data)
+        self._bounds, self._ready = bounds, True  # the buffer does not own what it reads
 
 
 def _pattern(matrix: sp.csc_matrix) -> ca.Sparsity:
