@@ -20,7 +20,6 @@ from mpcplan.trajectory import Array
 
 Index = NDArray[np.int64]
 POINTS = len(BODY_POINTS)
-GOAL_ROWS = 8  # lower and upper: centre's s and d, speed, heading
 
 
 @dataclass(frozen=True, eq=False)

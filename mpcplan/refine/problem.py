@@ -8,8 +8,8 @@ States x = [s, d, mu, v, delta, a], inputs u = [j, w], steps k = 0..N (see :mod:
          |delta| <= 0.91, 0 <= v <= 45.8, |w| <= 0.4, -11.5 <= a, a <= 11.5 min(1, 4.755/v),
          a^2 + (v^2/l tan delta)^2 <= 11.5^2 + sigma_a, |v^2/l tan delta| <= a_lat + sigma_a,
          s_min - sigma_s <= s <= s_max + sigma_s,
-         d_min - sigma_d <= d_i(s, d, mu) <= d_max + sigma_d for the points i of the body's axis
-         (rear, centre, front), projected exactly; half-planes against turned obstacles,
+         d_min - sigma_d <= d_i(s, d, mu) <= d_max + sigma_d for four points i of the body's axis
+         (rear to front), projected exactly; half-planes against turned obstacles,
          goal window at k = N,
 
 with e = d + b sin mu - lane the offset of the body's centre. The slacks have an exact (L1) penalty

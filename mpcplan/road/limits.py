@@ -30,7 +30,6 @@ INTRUSION = 1e-6  # m^2, overlap of a boundary triangle with the road that count
 SEAM = 0.02  # m, gaps between lanelets up to twice this wide count as road
 EDGE_REACH = 12.0  # m, the area is searched this far to either side
 LANE_REACH = 6.0  # m, a neighbouring lane's centre lies within this of the reference
-SEARCH_STEP = 0.25  # m, between the points by which a position on the road is looked for
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,6 @@ from commonroad.scenario.lanelet import Lanelet, LaneletNetwork
 from commonroad_route_planner.route_planner import RoutePlanner
 
 from mpcplan.errors import RoadError
-from mpcplan.trajectory import Array
 
 LANE_CHANGE_PENALTY = 30.0  # m, a lane change counts as this much way
 DETOUR_FACTOR = 1.5  # variants longer than this multiple of the shortest route are left out
@@ -168,8 +167,3 @@ def _onward_routes(network: LaneletNetwork, starts: list[int]) -> Iterator[tuple
                 yield path
             else:
                 queue = [(*path, s) for s in onward] + queue
-
-
-def polyline_length(points: Array) -> float:
-    """Length [m] of a polyline (n, 2)."""
-    return float(np.hypot(*np.diff(points, axis=0).T).sum())

@@ -16,7 +16,8 @@ from mpcplan.config import SeedConfig
 from mpcplan.seed.polynomials import evaluate, quartic, quintic
 from mpcplan.trajectory import Array
 
-COMFORT_DECELERATIONS = (2.0, 4.0, 7.0)  # m/s^2, means over a stop
+HARD_STOP, GENTLE_STOP = 8.0, 1.0  # m/s^2, mean decelerations of the shortest and longest stop
+ROLL = 5.0  # m, added to the longest stop
 SECOND_MOVE = 2.5  # s, duration of a second speed change
 MIN_DURATION = 0.4  # s, shortest second move
 
@@ -120,7 +121,7 @@ def _changing(motion: Motion, speeds: Array, t: Array) -> tuple[Array, ...]:
 def _stopping(motion: Motion, count: int, t: Array) -> tuple[Array, ...]:
     """Quintics to rest at distances from a hard stop to a long roll."""
     v = max(motion.v, 0.5)
-    hard, gentle = v**2 / (2 * 8.0), v**2 / (2 * 1.0) + 5.0
+    hard, gentle = v**2 / (2 * HARD_STOP), v**2 / (2 * GENTLE_STOP) + ROLL
     distance, stretch = _grid(np.linspace(hard, gentle, count), np.array([1.6, 2.0, 2.6]))
     t1 = np.maximum(stretch * distance / v, MIN_DURATION)
     first = quintic(0.0, motion.v, motion.a, distance, 0.0, 0.0, t1)
