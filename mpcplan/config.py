@@ -189,6 +189,14 @@ class VerifyConfig(Section):
     )
     margin: float = par(0.05, "m", "gap kept to every predicted rectangle", ge=0, le=1)
     braking: float = par(8.0, "m/s^2", "deceleration of the fail-safe tail", gt=1, le=11.5)
+    horizon: float = par(
+        3.0,
+        "s",
+        "where the others' motion is a guess, a plan is verified this far, and a fail-safe tail "
+        "from there; where it is recorded, to its end",
+        gt=0.1,
+        le=60,
+    )
 
 
 class DriveConfig(Section):

@@ -17,5 +17,13 @@ class RoadError(MpcplanError):
     """No route, reference path or drivable area could be built for a planning problem."""
 
 
+class TrafficError(MpcplanError):
+    """The simulated traffic cannot go on, or cannot begin (simulator, obstacle and step named)."""
+
+
+class PlannerError(MpcplanError):
+    """A planner that is not ours failed, or returned what no vehicle can drive."""
+
+
 class RefereeError(MpcplanError):
     """The official checker's process died or answered nothing usable."""

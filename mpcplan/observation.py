@@ -5,6 +5,7 @@ vehicle: in recorded scenarios the recorded trajectories reach only the predicto
 use them (:mod:`mpcplan.predict.recorded`), at construction.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -32,15 +33,23 @@ class Snapshot:
         step: the time step.
         ids: (n,) obstacle ids.
         boxes: (n, 6) columns :class:`Box`.
+        kinds: (n,) what each of them is, in CommonRoad's words ('car', 'bicycle'); empty where
+            that is not known.
     """
 
     step: int
     ids: tuple[int, ...]
     boxes: Array
+    kinds: tuple[str, ...] = ()
 
     def box_of(self, obstacle: int) -> Array | None:
         """(6,) box of an obstacle, or None where it is not there."""
         return self.boxes[self.ids.index(obstacle)] if obstacle in self.ids else None
+
+    def kind_of(self, obstacle: int) -> str:
+        """What an obstacle is, 'unknown' where that is not known."""
+        known = self.kinds and obstacle in self.ids
+        return self.kinds[self.ids.index(obstacle)] if known else "unknown"
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,12 +84,14 @@ class Forecast:
         boxes: (o, k, 6) columns :class:`Box`; NaN where an obstacle is not there.
         held: (o,) obstacles that stand where they are for ever, before and after ``boxes`` too;
             None: no one.
+        exact: whether this is what will happen, and no guess.
     """
 
     first_step: int
     ids: tuple[int, ...]
     boxes: Array
     held: Array | None = None
+    exact: bool = False
 
     @property
     def last_step(self) -> int:
@@ -100,6 +111,16 @@ def at_steps(values: Array, first_step: int, held: Array | None, steps: Array) -
     known = inside[None, :] if held is None else inside[None, :] | held[:, None]
     taken = values[:, np.clip(index, 0, max(values.shape[1] - 1, 0))]
     return np.where(known.reshape(*known.shape, *([1] * (values.ndim - 2))), taken, np.nan)
+
+
+def as_forecast(seen: Sequence[Snapshot]) -> Forecast:
+    """What was seen at consecutive time steps, one row of boxes per obstacle."""
+    ids = tuple(sorted({number for snapshot in seen for number in snapshot.ids}))
+    boxes = np.full((len(ids), len(seen), len(Box)), np.nan)
+    row = {number: i for i, number in enumerate(ids)}
+    for k, snapshot in enumerate(seen):
+        boxes[[row[number] for number in snapshot.ids], k] = snapshot.boxes
+    return Forecast(seen[0].step if seen else 0, ids, boxes)
 
 
 def box_outline(boxes: Array) -> Array:

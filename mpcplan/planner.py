@@ -18,13 +18,13 @@ from mpcplan.predict.predictor import make_predictor
 from mpcplan.refine.refine import Refined, refine
 from mpcplan.road.goal import is_reached
 from mpcplan.road.road import Road, build_roads
-from mpcplan.scenario import LoadedScenario, Problem
 from mpcplan.seed.candidates import Effort, distinct, find_seeds
 from mpcplan.seed.cost import trajectory_cost
 from mpcplan.seed.seed import Seed, SeedReport, after, merged, words
 from mpcplan.seed.track import frenet_states, track
+from mpcplan.task import Task
 from mpcplan.trajectory import Trajectory
-from mpcplan.verify.drivability import verify
+from mpcplan.verify.drivability import Finding, verify
 from mpcplan.verify.failsafe import braking_tail
 
 LAST_PLAN = "last plan"  # source of what is left of the plan before
@@ -47,18 +47,18 @@ class _Cycle:
 class Planner:
     """Plans for one planning problem; built once, then called every cycle."""
 
-    def __init__(
-        self, loaded: LoadedScenario, problem: Problem, config: Config | None = None
-    ) -> None:
+    def __init__(self, task: Task, config: Config | None = None) -> None:
         """Builds roads and prediction.
 
         Raises:
             RoadError: where no route leads to the goal.
+            InputError: the configured prediction is not possible.
         """
         self.config = config or Config()
-        self.problem, self.dt = problem, loaded.dt
-        self.roads = build_roads(loaded.scenario, problem.planning_problem, self.config.road)
-        self._predict = make_predictor(loaded.scenario, self.config.predict)
+        self.problem, self.dt = task.problem, task.dt
+        goal = task.problem.planning_problem
+        self.roads = build_roads(task.road_map, goal, self.config.road)
+        self._predict = make_predictor(task, self.config.predict)
         self._last: Option | None = None
         self._driven: tuple[Trajectory, Forecast] | None = None
         self._occupancies: dict[int, tuple[Forecast, Occupancy]] = {}
@@ -100,7 +100,8 @@ class Planner:
         if observation.step >= plan.last_step:
             return True  # nothing is left that could be unsafe; the next cycle is due anyway
         rest = plan.since(observation.step)
-        return verify(rest, forecast, self.roads[0].area, self.config.verify).ok
+        cycle = _Cycle(observation, forecast, Clock(), [])
+        return self._verify(cycle, rest, self._current_road).ok
 
     # -- seeds ----------------------------------------------------------------------------------
 
@@ -232,13 +233,24 @@ class Planner:
                 trajectory = trajectory.until(reached)
             cost = self._cost(cycle, trajectory, seed.road, reached is not None)
             if reached is None:
-                tail = braking_tail(
-                    seed.road, trajectory.states[-1], trajectory.last_step,
-                    self.config.verify.braking, self.dt,
-                )  # fmt: skip
-                trajectory = trajectory.then(tail)
-            finding = verify(trajectory, cycle.forecast, seed.road.area, self.config.verify)
+                trajectory = trajectory.then(self._tail(seed.road, trajectory))
+            finding = self._verify(cycle, trajectory, seed.road)
         return Option(trajectory, seed, cost, reached is not None, finding, source, refined)
+
+    def _verify(self, cycle: _Cycle, trajectory: Trajectory, road: Road) -> Finding:
+        """Verifies a plan: to its end where the others' motion is known; where it is a guess, as
+        far as the guess is good, and with a fail-safe tail from there."""
+        certain = cycle.observation.step + round(self.config.verify.horizon / self.dt)
+        if not cycle.forecast.exact and certain < trajectory.last_step:
+            near = trajectory.until(certain)
+            trajectory = near.then(self._tail(road, near))
+        return verify(trajectory, cycle.forecast, road.area, self.config.verify)
+
+    def _tail(self, road: Road, trajectory: Trajectory) -> Trajectory:
+        """Braking to a standstill from the end of a trajectory."""
+        return braking_tail(
+            road, trajectory.states[-1], trajectory.last_step, self.config.verify.braking, self.dt
+        )
 
     def _cost(self, cycle: _Cycle, trajectory: Trajectory, road: Road, reaches: bool) -> float:
         """The cost of a trajectory as it would be driven."""

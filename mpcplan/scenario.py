@@ -7,7 +7,7 @@ checker's boundary construction. Only the solution goes back to the file's coord
 
 import math
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
@@ -25,6 +25,7 @@ from mpcplan import scenario_checks as checks
 from mpcplan import scenario_xml
 from mpcplan.errors import InputError
 from mpcplan.scenario_repair import repair
+from mpcplan.sumo.folder import SumoFolder, read_folder
 from mpcplan.trajectory import Array
 from mpcplan.vehicle import FORD_ESCORT, Vehicle
 
@@ -62,6 +63,7 @@ class LoadedScenario:
         origin: (2,) file coordinates [m] of the local frame's origin.
         notes: what was repaired, one sentence each.
         dt: time step [s].
+        folder: where SUMO moves the traffic: the folder with its files; else None.
     """
 
     id: str
@@ -72,19 +74,39 @@ class LoadedScenario:
     origin: Array
     notes: tuple[str, ...]
     dt: float
+    folder: SumoFolder | None = None
+
+    @property
+    def interactive(self) -> bool:
+        """Whether SUMO moves the others, so that nobody knows their future."""
+        return self.folder is not None
 
 
 def load(path: str | Path) -> LoadedScenario:
-    """Reads, checks and repairs a CommonRoad file (XML, version 2018b or 2020a).
+    """Reads, checks and repairs a CommonRoad file (XML, version 2018b or 2020a), or the folder of
+    an interactive scenario (:mod:`mpcplan.sumo.folder`).
 
     Raises:
         InputError: the file cannot be used; names file, object and field, and what is expected.
     """
     path = Path(path)
+    if path.is_dir():
+        return _load_folder(read_folder(path))
     try:
         return _load(path)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
+
+
+def _load_folder(folder: SumoFolder) -> LoadedScenario:
+    """The folder's .cr.xml, with the folder at hand."""
+    loaded = replace(load(folder.scenario), folder=folder)
+    if len(loaded.problems) > 1:
+        raise InputError(
+            f"{folder.scenario}: {len(loaded.problems)} planning problems; in an interactive "
+            "scenario one is supported"
+        )
+    return loaded
 
 
 def _load(path: Path) -> LoadedScenario:

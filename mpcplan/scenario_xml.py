@@ -33,20 +33,43 @@ def parse(path: Path) -> Element:
         InputError: the file is missing, a folder, unreadable, broken XML, no CommonRoad file, or
             declares a document type (entities could read other files or exhaust the memory).
     """
-    data = _read(path)
-    try:
-        _refuse_doctype(data)
-        root = ElementTree.fromstring(data)
-    except (expat.ExpatError, ElementTree.ParseError, ValueError, LookupError) as error:
-        raise InputError(f"broken XML: {error}") from error
+    root = _parsed(_read(path))
     if root.tag != "commonRoad":
         raise InputError(f"not a CommonRoad file: the root is <{root.tag}>, not <commonRoad>")
     return root
 
 
+def safe_root(path: Path, max_bytes: int = 0) -> Element:
+    """The root of an XML file of any kind.
+
+    Args:
+        path: the file.
+        max_bytes: longer files are refused; 0: no limit.
+
+    Raises:
+        InputError: the file is missing, unreadable, too long, broken XML, or declares a document
+            type; names the file.
+    """
+    try:
+        data = _read(path)
+        if 0 < max_bytes < len(data):
+            raise InputError(f"longer than {max_bytes} bytes")
+        return _parsed(data)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+
+
+def _parsed(data: bytes) -> Element:
+    try:
+        _refuse_doctype(data)
+        return ElementTree.fromstring(data)
+    except (expat.ExpatError, ElementTree.ParseError, ValueError, LookupError) as error:
+        raise InputError(f"broken XML: {error}") from error
+
+
 def _read(path: Path) -> bytes:
     if path.is_dir():
-        raise InputError("this is a folder; give one scenario file (.xml)")
+        raise InputError("this is a folder, a file is expected")
     try:
         return path.read_bytes()
     except FileNotFoundError as error:

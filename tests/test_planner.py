@@ -25,6 +25,7 @@ from mpcplan.scenario import LoadedScenario, load
 from mpcplan.simulate.loop import HISTORY, drive
 from mpcplan.simulate.recorded import RecordedTraffic
 from mpcplan.simulate.run import Run
+from mpcplan.task import task_of
 from mpcplan.trajectory import State
 from mpcplan.vehicle import FORD_ESCORT
 from mpcplan.verify.drivability import separation, verify
@@ -56,7 +57,7 @@ def first_look(loaded: LoadedScenario) -> Observation:
 
 def planned(loaded: LoadedScenario, config: Config | None = None) -> Plan:
     """The first plan of a scenario's first problem."""
-    return Planner(loaded, loaded.problems[0], config).plan(first_look(loaded))
+    return Planner(task_of(loaded, loaded.problems[0]), config).plan(first_look(loaded))
 
 
 def solution_bytes(run: Run) -> bytes:
@@ -70,7 +71,7 @@ def solution_bytes(run: Run) -> bytes:
 @pytest.mark.parametrize("name", ["FreeRoad", "TimeOnly", "Follow", "HardBrake"])
 def test_a_plan_starts_now_and_passes_verification(name):
     loaded = bundled(name)
-    planner = Planner(loaded, loaded.problems[0])
+    planner = Planner(task_of(loaded, loaded.problems[0]))
     plan = planner.plan(first_look(loaded))
     assert plan.trajectory.first_step == 0
     assert np.array_equal(plan.trajectory.states[0], loaded.problems[0].start)
@@ -170,7 +171,7 @@ def test_with_constant_input_a_plan_depends_on_the_observation_alone(name):
     seen = first_look(bundled(name))
     plans = []
     for loaded in (bundled(name), nonsense_after(bundled(name), 0)):
-        plans.append(Planner(loaded, loaded.problems[0], BLIND).plan(seen))
+        plans.append(Planner(task_of(loaded, loaded.problems[0]), BLIND).plan(seen))
     assert np.array_equal(plans[0].trajectory.states, plans[1].trajectory.states)
     assert plans[0].trace["seeds"] == plans[1].trace["seeds"]
 
@@ -217,7 +218,7 @@ def test_observations_in_the_loop_hold_past_and_present_only(monkeypatch):
 def after_one_cycle(wall: np.ndarray | None) -> tuple[Plan, Plan]:
     """Plans before and after something stands on the free road where nothing was."""
     loaded = bundled("FreeRoad")
-    planner = Planner(loaded, loaded.problems[0], BLIND)
+    planner = Planner(task_of(loaded, loaded.problems[0]), BLIND)
     first = planner.plan(first_look(loaded))
     state = first.trajectory.state_at(3)
     ids, boxes = ((), np.empty((0, 6))) if wall is None else ((99,), wall[None])
@@ -279,7 +280,7 @@ def test_failed_subproblems_fall_back_to_the_seed_and_say_so(monkeypatch):
 
 def test_after_emergency_braking_planning_starts_afresh():
     loaded = bundled("FreeRoad")
-    planner = Planner(loaded, loaded.problems[0], BLIND)
+    planner = Planner(task_of(loaded, loaded.problems[0]), BLIND)
     wall = Snapshot(0, (99,), in_front(-0.6)[None])
     braking = planner.plan(Observation(0, loaded.problems[0].start, 0.0, (wall,)))
     assert not braking.finding.ok

@@ -9,7 +9,9 @@ from mpcplan.observation import Box, Forecast, at_steps, box_outline
 from mpcplan.road.frame import Frame
 from mpcplan.trajectory import Array
 
-NEAR = 80.0  # m, boxes further from every sample of the path are left out
+NEAR = 80.0  # m, boxes further from every sample of the path are left out,
+ASIDE = 12.0  # m, and so are those further aside of it
+STRAIGHT = 1e-4  # 1/m, along a path that is less curved all points of a body project alike (1 mm)
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,32 +57,47 @@ VALUES = tuple(f.name for f in fields(Occupancy) if f.name not in ("first_step",
 
 
 def occupancy(forecast: Forecast, frame: Frame) -> Occupancy:
-    """Projects a forecast onto a reference path."""
+    """Projects a forecast onto a reference path; boxes that stay far aside of it are left out."""
     boxes = forecast.boxes
-    shape = boxes.shape[:2]
-    arrays = [np.full(shape, np.nan) for _ in VALUES]
-    there = np.isfinite(boxes[..., Box.X])
-    if there.any():
-        low, high = frame.points.min(0) - NEAR, frame.points.max(0) + NEAR
-        inside = np.zeros(shape, bool)
-        centre = boxes[there][:, [Box.X, Box.Y]]
-        inside[there] = ((centre > low) & (centre < high)).all(1)
-        for array, values in zip(arrays, _project(boxes[inside], frame), strict=True):
-            array[inside] = values
+    near = _near(boxes, frame)
+    s, d = np.full((2, *boxes.shape[:2]), np.nan)
+    s[near], d[near] = frame.to_frenet(boxes[near][:, [Box.X, Box.Y]])
+    with np.errstate(invalid="ignore"):
+        near &= np.abs(d) - boxes[..., Box.LENGTH] / 2 < ASIDE
+    arrays = [np.full(boxes.shape[:2], np.nan) for _ in VALUES]
+    for array, values in zip(arrays, _project(boxes[near], s[near], d[near], frame), strict=True):
+        array[near] = values
     named = dict(zip(VALUES, arrays, strict=True))
     return Occupancy(forecast.first_step, forecast.ids, **named, held=forecast.held)
 
 
-def _project(boxes: Array, frame: Frame) -> tuple[Array, ...]:
-    """Centres, extents and speeds along the path of (n, 6) boxes."""
-    centre = boxes[:, [Box.X, Box.Y]]
-    s, d = frame.to_frenet(centre)
+def _near(boxes: Array, frame: Frame) -> Array:
+    """(o, k) boxes within the path's surroundings; False where there is none."""
+    low, high = frame.points.min(0) - NEAR, frame.points.max(0) + NEAR
+    centre = boxes[..., [Box.X, Box.Y]]
+    with np.errstate(invalid="ignore"):
+        inside: Array = ((centre > low) & (centre < high)).all(-1)
+    return inside
+
+
+def _project(boxes: Array, s: Array, d: Array, frame: Frame) -> tuple[Array, ...]:
+    """Extents and speeds along the path of (n, 6) boxes with their centres at (s, d)."""
+    turn = boxes[:, Box.PSI] - frame.heading(s)
+    c, sn = np.abs(np.cos(turn)), np.abs(np.sin(turn))
+    half_l, half_w = boxes[:, Box.LENGTH] / 2, boxes[:, Box.WIDTH] / 2
+    reach_s, reach_d = half_l * c + half_w * sn, half_l * sn + half_w * c
+    extents = np.stack([s - reach_s, s + reach_s, d - reach_d, d + reach_d])
+    bent = np.abs(frame.curvature(s)) > STRAIGHT
+    for shift in (-reach_s, reach_s):
+        bent |= np.abs(frame.curvature(s + shift)) > STRAIGHT
+    extents[:, bent] = _outline_extents(boxes[bent], s[bent], frame)
+    along = boxes[:, Box.V] * np.cos(turn)
+    return (s, d, *extents, along, turn, boxes[:, Box.LENGTH], boxes[:, Box.WIDTH])
+
+
+def _outline_extents(boxes: Array, s: Array, frame: Frame) -> Array:
+    """(4, n) least and largest s and d of the outlines of (n, 6) boxes with centres at s."""
     outline = box_outline(boxes)
     near = np.repeat(s[:, None], outline.shape[1], axis=1)
     corner_s, corner_d = frame.to_frenet(outline, near)
-    turn = boxes[:, Box.PSI] - frame.heading(s)
-    along = boxes[:, Box.V] * np.cos(turn)
-    return (
-        s, d, corner_s.min(1), corner_s.max(1), corner_d.min(1), corner_d.max(1), along, turn,
-        boxes[:, Box.LENGTH], boxes[:, Box.WIDTH],
-    )  # fmt: skip
+    return np.stack([corner_s.min(1), corner_s.max(1), corner_d.min(1), corner_d.max(1)])

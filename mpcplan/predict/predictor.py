@@ -2,12 +2,11 @@
 
 from typing import Protocol
 
-from commonroad.scenario.scenario import Scenario
-
 from mpcplan.config import PredictConfig
 from mpcplan.observation import Forecast, Observation
 from mpcplan.predict.constant_input import ConstantInput
 from mpcplan.predict.recorded import Recorded
+from mpcplan.task import Task
 
 
 class Predictor(Protocol):
@@ -18,8 +17,8 @@ class Predictor(Protocol):
         ...
 
 
-def make_predictor(scenario: Scenario, config: PredictConfig) -> Predictor:
-    """The configured predictor; only ``recorded`` reads trajectories from the scenario."""
-    if config.kind == "recorded":
-        return Recorded(scenario)
-    return ConstantInput(config, scenario.dt)
+def make_predictor(task: Task, config: PredictConfig) -> Predictor:
+    """The configured predictor; only ``recorded`` reads trajectories."""
+    if config.kind == "recorded" and task.recorded is not None:
+        return Recorded(task.recorded)
+    return ConstantInput(config, task.dt)

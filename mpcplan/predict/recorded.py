@@ -18,8 +18,8 @@ STATIC_STEPS = 1  # a record of static obstacles alone; they are held beyond it
 class Recorded:
     """Predicts what the scenario's file says: the recorded boxes at every time step."""
 
-    def __init__(self, scenario: Scenario) -> None:
-        self._forecast = record(scenario)
+    def __init__(self, recorded: Forecast) -> None:
+        self._forecast = recorded
 
     def __call__(self, observation: Observation) -> Forecast:
         """The whole record; it does not depend on the observation."""
@@ -38,7 +38,12 @@ def record(scenario: Scenario) -> Forecast:
     for row, obstacle in enumerate(static, start=len(dynamic)):
         boxes[row] = box_of(obstacle.obstacle_shape, obstacle.initial_state)
     ids = tuple(o.obstacle_id for o in [*dynamic, *static])
-    return Forecast(0, ids, boxes, np.arange(len(ids)) >= len(dynamic))
+    return Forecast(0, ids, boxes, np.arange(len(ids)) >= len(dynamic), exact=True)
+
+
+def kinds_of(scenario: Scenario) -> dict[int, str]:
+    """What each obstacle is, in CommonRoad's words."""
+    return {o.obstacle_id: str(o.obstacle_type.value) for o in scenario.obstacles}
 
 
 def static_ids(scenario: Scenario) -> frozenset[int]:

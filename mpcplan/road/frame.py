@@ -136,12 +136,15 @@ class Frame:
             s = self.s[self._tree.query(flat)[1]]
             low, high = s - self.spacing, s + self.spacing
         else:
-            s = np.asarray(near, float).reshape(-1)
+            s = np.array(near, float).reshape(-1)
             low, high = s - FOLLOW_REACH, s + FOLLOW_REACH
+        going = np.arange(len(flat))
         for _ in range(NEWTON_ITERATIONS):
-            move = self._newton_step(flat, s)
-            s = np.minimum(np.maximum(s - move, low), high)
-            if np.abs(move).max(initial=0.0) < NEWTON_TOLERANCE:
+            before = s[going]
+            move = self._newton_step(flat[going], before)
+            s[going] = np.minimum(np.maximum(before - move, low[going]), high[going])
+            going = going[np.abs(s[going] - before) >= NEWTON_TOLERANCE]
+            if not len(going):
                 break
         inside = np.clip(s, 0.0, self.length)
         point, tangent, _ = self._evaluate(inside)

@@ -23,6 +23,7 @@ LATERAL_STEP = 0.25  # m
 ROUNDING = 1e-6  # m, by which regions are grown against rounding
 NEARLY = 0.9  # of the longest stretch
 EDGE = 0.1  # m, windows are this much smaller than what was sampled
+OPEN_END_STEP = 200  # time steps after the start, where the goal sets no time
 
 
 @dataclass(frozen=True)
@@ -140,6 +141,20 @@ def _run_around(mask: Array, index: int) -> tuple[int, int]:
 def _shrunk(low: float, high: float) -> tuple[float, float]:
     edge = min(EDGE, (high - low) / 2)
     return float(low + edge), float(high - edge)
+
+
+def last_goal_step(problem: PlanningProblem) -> int:
+    """Last time step of any goal state; OPEN_END_STEP after the start where no time is set."""
+    first = int(problem.initial_state.time_step)
+    steps = []
+    for state in problem.goal.state_list:
+        if not state.has_value("time_step"):
+            steps.append(first + OPEN_END_STEP)
+        elif isinstance(state.time_step, int):
+            steps.append(state.time_step)
+        else:
+            steps.append(int(state.time_step.end))
+    return max(steps)
 
 
 def is_reached(problem: PlanningProblem, state: Array, step: int) -> bool:

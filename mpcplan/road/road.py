@@ -10,12 +10,11 @@ from commonroad.scenario.scenario import Scenario
 from mpcplan.config import RoadConfig
 from mpcplan.errors import RoadError
 from mpcplan.road.frame import Frame
-from mpcplan.road.goal import GoalWindow, goal_windows
+from mpcplan.road.goal import GoalWindow, goal_windows, last_goal_step
 from mpcplan.road.limits import Limits, build_limits, drivable_area
 from mpcplan.road.reference import build_frame
 from mpcplan.road.route import Route, find_routes
 
-OPEN_END_STEP = 200  # last time step where the goal sets no time
 ACCELERATION = 3.0  # m/s^2, mean acceleration for which the reference is long enough
 REACH_MAX = 400.0  # m
 
@@ -55,7 +54,7 @@ def build_roads(
     network = scenario.lanelet_network
     area = drivable_area(scenario)
     start = np.asarray(problem.initial_state.position, float)
-    last_step = _last_step(problem)
+    last_step = last_goal_step(problem)
     duration = (last_step - problem.initial_state.time_step) * scenario.dt
     speed = float(problem.initial_state.velocity)
     reach = min(duration * (speed + ACCELERATION * duration / 2) + 10.0, REACH_MAX)
@@ -78,17 +77,3 @@ def build_roads(
             + "; ".join(reasons)
         )
     return tuple(roads)
-
-
-def _last_step(problem: PlanningProblem) -> int:
-    """Last time step of any goal state; OPEN_END_STEP after the start where no time is set."""
-    first = int(problem.initial_state.time_step)
-    steps = []
-    for state in problem.goal.state_list:
-        if not state.has_value("time_step"):
-            steps.append(first + OPEN_END_STEP)
-        elif isinstance(state.time_step, int):
-            steps.append(state.time_step)
-        else:
-            steps.append(int(state.time_step.end))
-    return max(steps)

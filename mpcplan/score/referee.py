@@ -21,7 +21,7 @@ from mpcplan.errors import InputError, RefereeError
 from mpcplan.score.tr1 import CHECKER_WEIGHTS, REPORT_WEIGHTS, tr1
 from mpcplan.score.verdict import CHECKS, Verdict
 
-__all__ = ["Verdict", "evaluate"]
+__all__ = ["Verdict", "check", "evaluate"]
 
 TASKS = (*CHECKS, "cost")
 _CHILD = "mpcplan.score.referee_child"
@@ -32,13 +32,14 @@ _NAMES = {"on_road": "the boundary check", "cost": "the cost evaluation"}
 class _Answers:
     """What the children have answered so far: one result per task and the common header."""
 
+    tasks: tuple[str, ...] = TASKS
     header: dict[str, Any] = field(default_factory=dict)
     results: dict[str, dict[str, Any]] = field(default_factory=dict)
 
     @property
     def missing(self) -> list[str]:
         """Tasks without a result, in their order."""
-        return [task for task in TASKS if task not in self.results]
+        return [task for task in self.tasks if task not in self.results]
 
 
 def evaluate(scenario: str | Path, solution: str | Path, timeout_s: float = 180.0) -> Verdict:
@@ -53,17 +54,35 @@ def evaluate(scenario: str | Path, solution: str | Path, timeout_s: float = 180.
         InputError: a file is missing, cannot be read, or the two do not belong together.
         RefereeError: the child died twice.
     """
+    return _verdict(_ask(Path(scenario), Path(solution), timeout_s, TASKS))
+
+
+def check(
+    name: str, scenario: str | Path, solution: str | Path, timeout_s: float = 180.0
+) -> tuple[bool, str]:
+    """One of the official checks alone: whether it passed, and the reason where it did not.
+
+    Args:
+        name: one of :data:`mpcplan.score.verdict.CHECKS`.
+        scenario, solution, timeout_s: as for :func:`evaluate`, with the same errors.
+    """
+    answer = _ask(Path(scenario), Path(solution), timeout_s, (name,)).results[name]
+    return bool(answer["ok"]), str(answer["reason"])
+
+
+def _ask(scenario: Path, solution: Path, timeout_s: float, tasks: tuple[str, ...]) -> _Answers:
+    """All answers, from a second child where the first one died."""
     for what, path in (("scenario", scenario), ("solution", solution)):
-        if not Path(path).is_file():
+        if not path.is_file():
             raise InputError(f"{what} file not found: {path}")
-    answers = _Answers()
-    end = _run_child(Path(scenario), Path(solution), timeout_s, answers)
+    answers = _Answers(tasks)
+    end = _run_child(scenario, solution, timeout_s, answers)
     if end.broken:
         _give_up(end, answers)
-        end = _run_child(Path(scenario), Path(solution), timeout_s, answers)
+        end = _run_child(scenario, solution, timeout_s, answers)
         if end.broken:
             raise RefereeError(f"the official checker died twice, last {end}")
-    return _verdict(answers)
+    return answers
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The recorded traffic during a run, as boxes."""
+"""The traffic during a run, recorded or simulated, as boxes."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from mpcplan.observation import as_forecast
 from mpcplan.predict.recorded import record, static_ids
 from mpcplan.trajectory import Array
 
@@ -37,9 +38,16 @@ def traffic_of(run: Run) -> Traffic:
     """The traffic that a run met."""
     first = min(problem.first_step for problem in run.loaded.problems)
     last = max((drive.trajectory.last_step for drive in run.drives), default=first)
+    standing = static_ids(run.loaded.scenario)
+    if run.loaded.interactive:
+        forecast = as_forecast([seen for drive in run.drives for seen in drive.others])
+        return Traffic(
+            first,
+            forecast.at(np.arange(first, last + 1)),
+            np.array([number in standing for number in forecast.ids], dtype=bool),
+        )
     forecast = record(run.loaded.scenario)
     boxes = forecast.at(np.arange(first, last + 1))
-    standing = static_ids(run.loaded.scenario)
     still = np.array([number in standing for number in forecast.ids], dtype=bool)
     # a drive may outlast the record, in which obstacles that never move have no end
     boxes[still] = forecast.at(np.array([0]))[still]

@@ -1,7 +1,7 @@
 """What a run leaves behind: driven trajectories, the trace of every cycle, the solution file."""
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from functools import cached_property
 from pathlib import Path
@@ -20,6 +20,7 @@ from commonroad.scenario.state import KSState
 from commonroad.scenario.trajectory import Trajectory as CrTrajectory
 
 from mpcplan.config import Config
+from mpcplan.observation import Snapshot
 from mpcplan.plan import Plan
 from mpcplan.scenario import LoadedScenario
 from mpcplan.trajectory import Array, State, Trajectory
@@ -48,6 +49,9 @@ class Drive:
         cause: why not, '' where it was.
         cycles: the planning cycles.
         collided: whether the body hit an obstacle.
+        others: the others at every time step of the trajectory.
+        notes: what to know about this traffic.
+        step_seconds: times of the traffic's steps [s].
     """
 
     problem_id: int
@@ -56,6 +60,9 @@ class Drive:
     cause: str
     cycles: tuple[Cycle, ...]
     collided: bool
+    others: tuple[Snapshot, ...] = ()
+    notes: tuple[str, ...] = ()
+    step_seconds: Array = field(default_factory=lambda: np.empty(0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +92,16 @@ class Run:
     def planning_ms(self) -> Array:
         """Times of all planning cycles [ms]."""
         return np.array([1e3 * c.seconds for drive in self.drives for c in drive.cycles])
+
+    @cached_property
+    def step_ms(self) -> Array:
+        """Times of all steps of the traffic [ms]."""
+        return np.concatenate([np.empty(0), *(1e3 * drive.step_seconds for drive in self.drives)])
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What to know about the scenario and its traffic."""
+        return (*self.loaded.notes, *(note for drive in self.drives for note in drive.notes))
 
     def solution(self) -> Solution:
         """The run as a KS1:TR1 solution in the file's coordinates (positions: centres)."""
@@ -128,7 +145,7 @@ class Run:
         """Everything about the run that explains it, JSON-able."""
         return {
             "scenario": self.loaded.id,
-            "notes": list(self.loaded.notes),
+            "notes": list(self.notes),
             "config": self.config.model_dump(mode="json"),
             "drives": [_drive_trace(drive) for drive in self.drives],
         }

@@ -1,0 +1,1 @@
+"""Interactive scenarios: folders whose traffic SUMO moves."""
