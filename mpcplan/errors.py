@@ -21,6 +21,20 @@ class TrafficError(MpcplanError):
     """The simulated traffic cannot go on, or cannot begin (simulator, obstacle and step named)."""
 
 
+class StartTakenError(TrafficError):
+    """Another road user stands where the ego vehicle starts, so that no drive is possible.
+
+    Attributes:
+        obstacle: its id.
+        overlap: how deep the bodies overlap [m].
+        version: of SUMO, '1.28.0'.
+    """
+
+    def __init__(self, message: str, obstacle: int, overlap: float, version: str) -> None:
+        super().__init__(message)
+        self.obstacle, self.overlap, self.version = obstacle, overlap, version
+
+
 class PlannerError(MpcplanError):
     """A planner that is not ours failed, or returned what no vehicle can drive."""
 

@@ -106,10 +106,12 @@ class Forecast:
 def at_steps(values: Array, first_step: int, held: Array | None, steps: Array) -> Array:
     """(o, n, ...) values at time steps (n,) of an array (o, k, ...) that begins at a time step;
     NaN outside, but for the rows that are held (o,), which keep their first or last value."""
+    if not values.shape[1]:
+        return np.full((len(values), len(steps), *values.shape[2:]), np.nan)
     index = steps - first_step
     inside = (index >= 0) & (index < values.shape[1])
     known = inside[None, :] if held is None else inside[None, :] | held[:, None]
-    taken = values[:, np.clip(index, 0, max(values.shape[1] - 1, 0))]
+    taken = values[:, np.clip(index, 0, values.shape[1] - 1)]
     return np.where(known.reshape(*known.shape, *([1] * (values.ndim - 2))), taken, np.nan)
 
 

@@ -24,8 +24,7 @@ from mpcplan.seed.seed import Seed, SeedReport, after, merged, words
 from mpcplan.seed.track import frenet_states, track
 from mpcplan.task import Task
 from mpcplan.trajectory import Trajectory
-from mpcplan.verify.drivability import Finding, verify
-from mpcplan.verify.failsafe import braking_tail
+from mpcplan.verify.guard import Guard
 
 LAST_PLAN = "last plan"  # source of what is left of the plan before
 KEPT = "last plan kept"  # source of the last plan as it was
@@ -59,6 +58,7 @@ class Planner:
         goal = task.problem.planning_problem
         self.roads = build_roads(task.road_map, goal, self.config.road)
         self._predict = make_predictor(task, self.config.predict)
+        self._guard = Guard(self.config, self.dt)
         self._last: Option | None = None
         self._driven: tuple[Trajectory, Forecast] | None = None
         self._occupancies: dict[int, tuple[Forecast, Occupancy]] = {}
@@ -90,7 +90,8 @@ class Planner:
         return Plan(chosen.trajectory, chosen.source, chosen.reaches_goal, chosen.finding, trace)
 
     def still_safe(self, observation: Observation) -> bool:
-        """Whether what is left of the plan being driven is safe at a new observation."""
+        """Whether the plan being driven can go on until the next cycle, and be broken off there,
+        at a new observation."""
         if self._driven is None:
             return False
         plan, known = self._driven
@@ -99,9 +100,8 @@ class Planner:
             return True
         if observation.step >= plan.last_step:
             return True  # nothing is left that could be unsafe; the next cycle is due anyway
-        rest = plan.since(observation.step)
-        cycle = _Cycle(observation, forecast, Clock(), [])
-        return self._verify(cycle, rest, self._current_road).ok
+        rest, road = plan.since(observation.step), self._current_road
+        return self._guard.until_next(rest, road, forecast, observation.step).ok
 
     # -- seeds ----------------------------------------------------------------------------------
 
@@ -233,24 +233,10 @@ class Planner:
                 trajectory = trajectory.until(reached)
             cost = self._cost(cycle, trajectory, seed.road, reached is not None)
             if reached is None:
-                trajectory = trajectory.then(self._tail(seed.road, trajectory))
-            finding = self._verify(cycle, trajectory, seed.road)
+                trajectory = trajectory.then(self._guard.tail(seed.road, trajectory))
+            now = cycle.observation.step
+            finding = self._guard.verify(trajectory, seed.road, cycle.forecast, now)
         return Option(trajectory, seed, cost, reached is not None, finding, source, refined)
-
-    def _verify(self, cycle: _Cycle, trajectory: Trajectory, road: Road) -> Finding:
-        """Verifies a plan: to its end where the others' motion is known; where it is a guess, as
-        far as the guess is good, and with a fail-safe tail from there."""
-        certain = cycle.observation.step + round(self.config.verify.horizon / self.dt)
-        if not cycle.forecast.exact and certain < trajectory.last_step:
-            near = trajectory.until(certain)
-            trajectory = near.then(self._tail(road, near))
-        return verify(trajectory, cycle.forecast, road.area, self.config.verify)
-
-    def _tail(self, road: Road, trajectory: Trajectory) -> Trajectory:
-        """Braking to a standstill from the end of a trajectory."""
-        return braking_tail(
-            road, trajectory.states[-1], trajectory.last_step, self.config.verify.braking, self.dt
-        )
 
     def _cost(self, cycle: _Cycle, trajectory: Trajectory, road: Road, reaches: bool) -> float:
         """The cost of a trajectory as it would be driven."""
@@ -281,26 +267,29 @@ class Planner:
             if best.source.endswith("unrefined"):
                 return best, _why("the seed is driven", reasons or ["it could not be improved"])
             return best, None
-        stop = self._emergency(cycle)
-        if not stop.finding.ok and refused:
+        return self._fall_back(cycle, refused, reasons)
+
+    def _fall_back(
+        self, cycle: _Cycle, refused: list[Option], reasons: list[str]
+    ) -> tuple[Option, str]:
+        """What is driven where no plan passes: a plan that may be broken off later, or braking."""
+        seen, forecast = cycle.observation, cycle.forecast
+        if not forecast.exact:
+            for option in sorted(refused, key=lambda o: (not o.reaches_goal, o.cost)):
+                assert option.seed is not None  # only emergency braking has none
+                road = option.seed.road
+                if self._guard.until_next(option.trajectory, road, forecast, seen.step).ok:
+                    return option, _why("a plan that can still be broken off is driven", reasons)
+        road = self._current_road
+        trajectory, finding = self._guard.emergency(road, seen.state, seen.step, forecast)
+        stop = Option(trajectory, None, float("inf"), False, finding, "emergency braking")
+        if not finding.ok and refused:
             # nothing is safe to the end: braking, unless another plan stays safe clearly longer
             last = max(refused, key=lambda o: (o.finding.step or 0, o.reaches_goal))
-            if (last.finding.step or 0) >= (stop.finding.step or 0) + CLEARLY_LONGER:
+            if (last.finding.step or 0) >= (finding.step or 0) + CLEARLY_LONGER:
                 what = "no plan is safe to its end; the one safe longest is driven"
                 return last, _why(what, reasons)
         return stop, _why("emergency braking", reasons)
-
-    def _emergency(self, cycle: _Cycle) -> Option:
-        """Braking along the lane; harder and softer, the first that is safe or the hardest."""
-        seen, road = cycle.observation, self._current_road
-        tails = [
-            braking_tail(road, seen.state, seen.step, share * self.config.verify.braking, self.dt)
-            for share in (1.0, 1.35, 0.6, 0.3)
-        ]
-        checked = [(t, verify(t, cycle.forecast, road.area, self.config.verify)) for t in tails]
-        safe = [(t, f) for t, f in checked if f.ok]
-        trajectory, finding = (safe or [max(checked, key=lambda c: c[1].step or 0)])[0]
-        return Option(trajectory, None, float("inf"), False, finding, "emergency braking")
 
 
 def _why(what: str, reasons: list[str]) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import shapely
 from commonroad.common.util import AngleInterval, Interval
-from commonroad.geometry.shape import Circle, Rectangle, ShapeGroup
+from commonroad.geometry.shape import Circle, Polygon, Rectangle, ShapeGroup
 from commonroad.planning.goal import GoalRegion
 from commonroad.planning.planning_problem import PlanningProblem
 from commonroad.scenario.state import CustomState, InitialState
@@ -16,7 +16,7 @@ from reference_ocp import frame_of, straight
 
 from mpcplan.config import RoadConfig
 from mpcplan.errors import RoadError
-from mpcplan.road.goal import goal_windows, is_reached
+from mpcplan.road.goal import goal_windows, is_reached, region_of
 from mpcplan.road.limits import drivable_area
 from mpcplan.road.reference import drop_repeated, resample, smooth
 from mpcplan.road.road import Road, build_roads
@@ -431,3 +431,10 @@ def test_one_of_several_goal_states_suffices():
     either = problem_of(GOAL, CustomState(time_step=Interval(60, 70)))
     assert is_reached(either, np.array([0.0, 0.0, 0.0, 1.0, 0.0]), 65)
     assert not is_reached(either, np.array([0.0, 0.0, 0.0, 1.0, 0.0]), 55)
+
+
+def test_a_goal_of_lanelets_that_cross_themselves_has_an_area() -> None:
+    bow = Polygon(np.array([[0.0, 0.0], [4.0, 2.0], [4.0, 0.0], [0.0, 2.0], [0.0, 0.0]]))
+    beside = Polygon(np.array([[1.0, 0.0], [9.0, 0.0], [9.0, 2.0], [1.0, 2.0]]))
+    area = region_of(ShapeGroup([bow, beside])).area
+    assert area == pytest.approx(17.5)  # 16, and what reaches beyond of the left triangle

@@ -77,12 +77,13 @@ def _window(state: TraceState, frame: Frame, start: float, last_step: int) -> Go
 
 
 def region_of(shape: Shape) -> shapely.Geometry:
-    """The area of a CommonRoad shape, the union where it is a group."""
+    """The area of a CommonRoad shape, the union where it is a group; published lanelets may cross
+    themselves."""
     if isinstance(shape, ShapeGroup):
         return shapely.union_all([region_of(part) for part in shape.shapes])
     if isinstance(shape, Circle):  # commonroad-io's shapely_object has half the radius
         return shapely.buffer(shapely.Point(*shape.center), shape.radius)
-    return shape.shapely_object
+    return shapely.make_valid(shape.shapely_object)
 
 
 def _interval(value: Interval | AngleInterval | float) -> tuple[float, float]:

@@ -79,6 +79,11 @@ class Run:
         return all(drive.reached_step is not None for drive in self.drives)
 
     @property
+    def driven(self) -> bool:
+        """Whether anything was driven, so that there is something to judge."""
+        return any(len(drive.trajectory.inputs) for drive in self.drives)
+
+    @property
     def cause(self) -> str:
         """Why it was not solved, '' where it was."""
         causes = [

@@ -10,6 +10,7 @@ for output in it has no effect. Its files must lie in the folder, and may not na
 """
 
 import os
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree.ElementTree import Element
@@ -38,6 +39,9 @@ OPTIONS = (
     "default.emergencydecel",
     "step-method.ballistic",
 )
+# A word or a number: on a command line, anything else could be read as a further option
+_OPTION_VALUE = re.compile(r"[A-Za-z]+|-?[0-9]+(\.[0-9]+)?")
+_UNREADABLE = re.compile(r",|\$\{")  # SUMO divides lists there, or puts in a variable's value
 _FILES = {"net-file": ("net-file", "net", "n")} | {
     "route-files": ("route-files", "routes", "r"),
     "additional-files": ("additional-files", "additional", "a"),
@@ -46,15 +50,17 @@ _FILES = {"net-file": ("net-file", "net", "n")} | {
 
 @dataclass(frozen=True)
 class SumoFolder:
-    """An interactive scenario's folder; every file in it has been checked.
+    """An interactive scenario's folder; every file that it names has been checked.
 
     Attributes:
         path: the folder.
         name: the scenario's name, that of its .cr.xml.
         scenario: the .cr.xml.
         net: the .net.xml.
-        routes: route files of the .sumo.cfg, absolute paths.
-        additional: additional files of the .sumo.cfg, absolute paths.
+        routes: route files of the .sumo.cfg, absolute paths. Of a presimulated folder SUMO loads
+            them, so they have been searched for requests to read or write other files; else they
+            are for us alone.
+        additional: additional files of the .sumo.cfg, likewise.
         options: options of the .sumo.cfg that shape the traffic, names without dashes.
         settings: the organisers' settings; None for folders that are not presimulated.
         presimulated: True: SUMO's own traffic from the route file; False: the traffic starts from
@@ -96,14 +102,14 @@ def read_folder(path: Path) -> SumoFolder:
     scenario = _only(root, SCENARIO)
     config = _config(root)
     net, routes, additional = _files(root, config)
-    trees = [safe_xml.check_routes(file) for file in (*additional, *routes)]
     safe_xml.check_net(net)
-    egos = [name for tree in trees for name in _egos(tree)]
-    if len(egos) > 1:
-        raise InputError(f"{path}: {len(egos)} ego vehicles in the route files; one is supported")
-    settings = None
-    if egos:
+    for file in additional:
+        safe_xml.routes_root(file)
+    ego, settings = _ego(root, routes), None
+    if ego:
         settings = read_settings(_inside(root, SETTINGS_FILE), scenario_checks.TIME_STEP)
+        for file in (*routes, *additional):
+            safe_xml.check_routes(file)
     return SumoFolder(
         path=path,
         name=scenario.name.removesuffix(SCENARIO),
@@ -111,10 +117,10 @@ def read_folder(path: Path) -> SumoFolder:
         net=net,
         routes=routes,
         additional=additional,
-        options=_options(config),
+        options=_options(root, config),
         settings=settings,
-        presimulated=bool(egos),
-        ego=egos[0] if egos else "",
+        presimulated=bool(ego),
+        ego=ego,
     )
 
 
@@ -127,7 +133,10 @@ def _root(path: Path) -> Path:
             f"{path}: this is a folder, but not one of an interactive scenario: exactly one "
             f"*{SCENARIO} and a *{CONFIG} or *{NET} are expected in it; to load one file, name it"
         )
-    return path.resolve()
+    root = path.resolve()
+    if _UNREADABLE.search(str(root)):
+        raise InputError(f"{root}: SUMO cannot read paths with a comma or '${{'; move the folder")
+    return root
 
 
 def _only(root: Path, ending: str) -> Path:
@@ -142,6 +151,8 @@ def _only(root: Path, ending: str) -> Path:
 def _inside(root: Path, name: str) -> Path:
     """A file that a folder names, absolute; it must be a regular file within the folder."""
     given = Path(name)
+    if _UNREADABLE.search(name):
+        raise InputError(f"{root}: SUMO cannot read the file name {name!r}; rename the file")
     if given.is_absolute() or ".." in given.parts or not name.strip():
         raise InputError(f"{root}: the file name {name!r} leads out of the folder; refused")
     path = root / given
@@ -191,15 +202,25 @@ def _files(root: Path, config: Element | None) -> tuple[Path, tuple[Path, ...], 
     return net, routes, additional
 
 
-def _options(config: Element | None) -> tuple[tuple[str, str], ...]:
+def _options(root: Path, config: Element | None) -> tuple[tuple[str, str], ...]:
     """The options that shape the traffic."""
     if config is None:
         return ()
-    given = ((name, _value(config, (name,))) for name in OPTIONS)
+    given = [(name, _value(config, (name,))) for name in OPTIONS]
+    for name, value in given:
+        if value and not _OPTION_VALUE.fullmatch(value):
+            raise InputError(
+                f"{root}: the *{CONFIG} gives {name} the value {value!r}; a word or a number is "
+                "expected"
+            )
     return tuple((name, value) for name, value in given if value)
 
 
-def _egos(routes: Element) -> list[str]:
-    """Ids of the ego vehicles in a route file."""
-    ids = (vehicle.get("id", "") for vehicle in routes.iter("vehicle"))
-    return [name for name in ids if name.startswith(EGO)]
+def _ego(root: Path, routes: tuple[Path, ...]) -> str:
+    """Id of the ego vehicle in the route files; '' where there is none."""
+    trees = [safe_xml.routes_root(file) for file in routes]
+    names = [vehicle.get("id", "") for tree in trees for vehicle in tree.iter("vehicle")]
+    egos = [name for name in names if name.startswith(EGO)]
+    if len(egos) > 1:
+        raise InputError(f"{root}: {len(egos)} ego vehicles in the route files; one is supported")
+    return egos[0] if egos else ""

@@ -18,8 +18,10 @@ from typing import Any
 
 from mpcplan.errors import InputError
 
-MAX_BYTES = 1_000_000  # the genuine files have 1,500 to 2,500
-MAX_VALUES = 100_000  # values on the stack, in the memo and in containers together
+MAX_BYTES = 100_000  # the genuine files have 1,500 to 2,500
+MAX_INSTRUCTIONS = 100_000
+_SHOWN = 80  # characters
+_SHOWN_INT = 2**63
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,8 +102,10 @@ class _Machine:
         """Executes the instructions up to STOP."""
         for opcode, argument, _ in pickletools.genops(data):
             self._count += 1
-            if self._count > MAX_VALUES:
-                raise InputError(f"more than {MAX_VALUES} instructions, which settings are not")
+            if self._count > MAX_INSTRUCTIONS:
+                raise InputError(
+                    f"more than {MAX_INSTRUCTIONS} instructions, which settings are not"
+                )
             if opcode.name == "STOP":
                 return self._pop()
             self._step(opcode.name, argument)
@@ -166,9 +170,10 @@ class _Machine:
 
     def name_class(self, module: Any, name: Any) -> None:
         """GLOBAL, STACK_GLOBAL: a class by name, nothing is imported."""
+        if not (isinstance(module, str) and isinstance(name, str)):
+            raise InputError("no valid pickle (a class without a name)")
         full = f"{module}.{name}"
-        known = full in self._records | self._values or full in _NUMPY
-        if not (isinstance(module, str) and isinstance(name, str) and known):
+        if full not in self._records | self._values and full not in _NUMPY:
             raise InputError(f"it names {full}, which settings do not need; refused")
         self._stack.append(Class(full))
 
@@ -201,6 +206,15 @@ class _Machine:
             raise InputError(f"attributes for {_name(target)} are refused")
 
 
+def shown(value: Any) -> str:
+    """A value from a pickle as messages may show it: short, and without walking through it."""
+    if isinstance(value, str | float | bool | None):
+        return repr(value)[:_SHOWN]
+    if isinstance(value, int) and abs(value) < _SHOWN_INT:
+        return repr(value)
+    return f"a {type(value).__name__}"
+
+
 def _key(key: Any) -> Any:
     """A dictionary's key: plain values and records, which are told apart by identity."""
     if isinstance(key, str | int | float | Record):
@@ -209,12 +223,12 @@ def _key(key: Any) -> Any:
 
 
 def _name(value: Any) -> str:
-    return value.name if isinstance(value, Class | Record) else f"a {type(value).__name__}"
+    return value.name if isinstance(value, Class | Record) else shown(value)
 
 
 def _dtype(code: Any, *_: Any) -> _Dtype:
     if not (isinstance(code, str) and code in _FORMATS):
-        raise InputError(f"the numpy dtype {code!r} is refused")
+        raise InputError(f"the numpy dtype {shown(code)} is refused")
     return _Dtype("<" + _FORMATS[code])
 
 

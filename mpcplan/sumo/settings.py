@@ -3,14 +3,13 @@
 The file is a pickle of sumocr's DefaultConfig; only the values that move the traffic are taken.
 """
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from mpcplan.errors import InputError
-from mpcplan.sumo.safe_pickle import Record, read
+from mpcplan.sumo.safe_pickle import Record, read, shown
 
 FILE = "simulation_config.p"
 _CONFIG = "sumocr.sumo_config.default.DefaultConfig"
@@ -23,6 +22,7 @@ _PRESIMULATION_MAX = 100_000  # steps; the genuine files have 100 to 222
 _SEED_MAX = 2**31 - 1  # SUMO's seed is a 32-bit number
 _RESOLUTION_MAX = 100.0  # m
 _EGO_LENGTH_MAX = 30.0  # m
+_VALUE_MAX = 1000.0  # m, m/s or m/s^2, above all of vehicles
 
 Range = float | tuple[float, float]
 
@@ -79,7 +79,7 @@ def read_settings(path: Path, time_step: float) -> Settings:
 def _number(fields: Mapping[str, Any], name: str, low: float, high: float) -> float:
     value = fields.get(name)
     if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-        raise InputError(f"{name} is {value!r}, a number from {low} to {high} is expected")
+        raise InputError(f"{name} is {shown(value)}, a number from {low} to {high} is expected")
     return float(value)
 
 
@@ -97,7 +97,7 @@ def _vehicle_parameters(value: Any) -> dict[str, dict[str, Range]]:
     table: dict[str, dict[str, Range]] = {}
     for name, by_kind in value.items():
         if not (isinstance(name, str) and isinstance(by_kind, dict)):
-            raise InputError(f"veh_params {name!r} is no table of values by kind of vehicle")
+            raise InputError(f"veh_params {shown(name)} is no table of values by kind of vehicle")
         table[name] = {_kind(kind): _range(name, entry) for kind, entry in by_kind.items()}
     return table
 
@@ -115,9 +115,10 @@ def _range(name: str, entry: Any) -> Range:
     """
     drawn = isinstance(entry, Record)
     ends = (entry.fields.get("_start"), entry.fields.get("_end")) if drawn else (entry, entry)
-    if not all(isinstance(end, int | float) and math.isfinite(end) for end in ends):
-        raise InputError(f"veh_params {name!r} holds {entry!r}, a number or interval is expected")
+    if not all(isinstance(end, int | float) and 0 < end < _VALUE_MAX for end in ends):
+        shape = " to ".join(shown(end) for end in ends)
+        raise InputError(f"veh_params {name!r} goes from {shape}; numbers > 0 are expected")
     low, high = (float(end) for end in ends)
-    if not 0 < low <= high:
-        raise InputError(f"veh_params {name!r} goes from {low} to {high}, which is no interval > 0")
+    if low > high:
+        raise InputError(f"veh_params {name!r} goes from {low} to {high}, which is no interval")
     return (low, high) if drawn else low

@@ -1,0 +1,64 @@
+"""How far a plan is verified, and what is done when nothing passes.
+
+A plan is safe when it, followed by a fail-safe tail (braking to a standstill along the lane),
+passes verification. Where the others' motion is recorded, that is asked of the whole plan. Where
+it is a guess, the plan is verified as far as the guess is good, and the tail begins there. Should
+no plan pass, one that can still be broken off safely after the next replanning interval may be
+driven that long; after that only braking is left.
+"""
+
+from mpcplan.config import Config
+from mpcplan.observation import Forecast
+from mpcplan.road.road import Road
+from mpcplan.trajectory import Array, Trajectory
+from mpcplan.verify.drivability import Finding, verify
+from mpcplan.verify.failsafe import braking_along, braking_tail
+
+BRAKING_SHARES = (0.3, 0.6, 1.0, 1.35)  # of the fail-safe deceleration, the softest first
+
+
+class Guard:
+    """Verification of plans against one forecast; see the module."""
+
+    def __init__(self, config: Config, dt: float) -> None:
+        self._config, self._dt = config.verify, dt
+        self._certain = round(self._config.horizon / dt)
+        self._interval = max(round(config.drive.replan / dt), 1)
+
+    def tail(self, road: Road, trajectory: Trajectory) -> Trajectory:
+        """Braking to a standstill from the end of a trajectory."""
+        state, step = trajectory.states[-1], trajectory.last_step
+        return braking_tail(road, state, step, self._config.braking, self._dt)
+
+    def verify(self, trajectory: Trajectory, road: Road, forecast: Forecast, now: int) -> Finding:
+        """The finding on a plan that is to be driven from time step ``now`` on."""
+        if forecast.exact:
+            return verify(trajectory, forecast, road.area, self._config)
+        return self._broken_off(trajectory, road, forecast, now + self._certain)
+
+    def until_next(
+        self, trajectory: Trajectory, road: Road, forecast: Forecast, now: int
+    ) -> Finding:
+        """The finding on driving a plan until the next cycle, and braking from there."""
+        return self._broken_off(trajectory, road, forecast, now + self._interval)
+
+    def _broken_off(
+        self, trajectory: Trajectory, road: Road, forecast: Forecast, step: int
+    ) -> Finding:
+        if step < trajectory.last_step:
+            near, braking = trajectory.until(step), self._config.braking
+            tail = braking_along(road, trajectory, step, braking, self._dt)
+            trajectory = near.then(tail if tail is not None else self.tail(road, near))
+        return verify(trajectory, forecast, road.area, self._config)
+
+    def emergency(
+        self, road: Road, state: Array, step: int, forecast: Forecast
+    ) -> tuple[Trajectory, Finding]:
+        """Braking along the lane: the softest that is safe, or what stays safe longest."""
+        tails = [
+            braking_tail(road, state, step, share * self._config.braking, self._dt)
+            for share in BRAKING_SHARES
+        ]
+        checked = [(t, verify(t, forecast, road.area, self._config)) for t in tails]
+        safe = [pair for pair in checked if pair[1].ok]
+        return safe[0] if safe else max(reversed(checked), key=lambda c: c[1].step or 0)
