@@ -114,10 +114,10 @@ class Planner:
             self._develop(cycle, last, options, refused)
         goes_on = any(option.reaches_goal for option in options)
         seeds, reports = self._seeds(cycle, goes_on)
-        if goes_on:
+        if options:
             bar = WORTHWHILE * min(option.cost for option in options)
-            seeds = [seed for seed in seeds if seed.reaches_goal and seed.cost < bar][:1]
-        for seed in distinct(seeds, self.config.seed.finalists):
+            seeds = [s for s in seeds if (s.reaches_goal or not goes_on) and s.cost < bar]
+        for seed in distinct(seeds, 1 if goes_on else self.config.seed.finalists):
             self._develop(cycle, seed, options, refused)
         options.sort(key=lambda option: (not option.reaches_goal, option.cost))
         return options, reports, refused

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference_ocp import DT, Track, forecast_of, frame_of, road_of, state_at, straight_road
 
-from mpcplan.config import VerifyConfig
+from mpcplan.config import Config, VerifyConfig
 from mpcplan.observation import Box, Forecast, box_corners
 from mpcplan.trajectory import Input, State, Trajectory
 from mpcplan.vehicle import input_violations, rectangles, simulate
@@ -20,7 +20,8 @@ from mpcplan.verify.drivability import (
     separation,
     verify,
 )
-from mpcplan.verify.failsafe import braking_tail
+from mpcplan.verify.failsafe import braking_along, braking_tail
+from mpcplan.verify.guard import Guard
 
 CONFIG = VerifyConfig()
 ROAD = straight_road()
@@ -251,6 +252,75 @@ def test_a_fast_tail_in_a_bend_keeps_to_the_friction_circle():
     tail = braking_tail(road, state_at(road.frame, 37.0, v=17.0), 0, 10.8, DT)
     assert max(excess.max() for excess in input_violations(tail).values()) < 1e-9
     assert tail.states[-1, State.V] < 1.0
+
+
+@pytest.mark.parametrize("v", [0.0, 5.0, 11.0])
+def test_braking_along_a_plan_stays_on_its_path(v):
+    road = road_of(frame_of(bend, 300.0), left=1.75, right=-1.75)
+    state = state_at(road.frame, 40.0, d=0.3, v=v)
+    inputs = np.column_stack([np.full(40, 0.5), 0.1 * np.sin(np.arange(40) / 4)])
+    plan = simulate(state, inputs, DT, 7)
+    tail = braking_along(road, plan, 12, 8.0, DT)
+    assert tail is not None
+    assert tail.first_step == 12
+    assert np.array_equal(tail.states[0], plan.state_at(12))
+    assert tail.states[-1, State.V] == pytest.approx(0.0, abs=1e-9)
+    path = shapely.LineString(plan.states[:, :2]) if v else shapely.Point(plan.states[0, :2])
+    assert shapely.distance(path, shapely.points(tail.states[:, :2])).max() < 0.05 + 0.2 * (not v)
+    assert max(excess.max() for excess in input_violations(tail).values()) < 1e-9
+
+
+def test_a_plan_that_ends_before_the_standstill_gives_no_braking_along_it():
+    assert braking_along(ROAD, straight_drive(v=15.0, steps=5), 2, 8.0, DT) is None
+
+
+# -- how far a plan is verified -------------------------------------------------------------------
+
+
+def wall(x: float, from_step: int = 0, exact: bool = False) -> Forecast:
+    """Somebody who stands across the road at x [m] from a time step on."""
+    boxes = np.tile([x, 0.0, 0.0, 0.0, 2.0, 3.0], (1, 120, 1)).astype(float)
+    boxes[:, :from_step] = np.nan
+    return Forecast(0, (5,), boxes, exact=exact)
+
+
+def test_what_is_known_is_verified_to_the_end_and_what_is_guessed_as_far_as_it_is_good():
+    guard, plan = Guard(Config(), DT), straight_drive(v=10.0, steps=60)  # from 30 m to 90 m
+    far = wall(88.0)
+    assert guard.verify(plan, ROAD, far, 0).ok  # 3 s are verified, and braking from there
+    known = wall(88.0, exact=True)
+    assert guard.verify(plan, ROAD, known, 0).check == "collision"
+
+
+def test_a_guess_refuses_a_plan_whose_tail_runs_into_somebody():
+    guard, plan = Guard(Config(), DT), straight_drive(v=10.0, steps=60)
+    braking = 10.0**2 / 2 / Config().verify.braking
+    front, half = 3.66, 1.0
+    near, free = (30.0 + 30.0 + braking + front + half + gap for gap in (-0.5, 0.5))
+    assert guard.verify(plan, ROAD, wall(near), 0).check == "collision"
+    assert guard.verify(plan, ROAD, wall(free), 0).ok
+
+
+def test_a_plan_may_go_on_while_it_can_be_broken_off_at_the_next_cycle():
+    guard, plan = Guard(Config(), DT), straight_drive(v=10.0, steps=60)
+    later = wall(55.0)  # refuses the plan, but there is room to brake after 0.3 s
+    assert not guard.verify(plan, ROAD, later, 0).ok
+    assert guard.until_next(plan, ROAD, later, 0).ok
+    assert not guard.until_next(plan, ROAD, wall(43.0), 0).ok
+
+
+def test_emergency_braking_is_the_softest_that_is_safe():
+    guard, state = Guard(Config(), DT), state_at(ROAD.frame, 30.0, v=10.0)
+    hardest = []
+    for x in (80.0, 50.0, 43.5):
+        tail, finding = guard.emergency(ROAD, state, 0, wall(x))
+        assert finding.ok
+        hardest.append(tail.inputs[:, Input.A].min())
+    assert hardest == sorted(hardest, reverse=True)
+    assert len(set(hardest)) == 3
+    tail, finding = guard.emergency(ROAD, state, 0, wall(38.0))
+    assert not finding.ok
+    assert tail.inputs[:, Input.A].min() < -8.0
 
 
 def test_boxes_have_their_columns():

@@ -1,0 +1,1 @@
+"""Naive planners that every table of results can be compared with."""
