@@ -1,7 +1,9 @@
-"""The command line: solve, evaluate, bench, compare, config.
+"""The command line: solve, evaluate, bench, compete, compare, twin, config.
 
 Exit codes: 0 done (solved, valid), 1 not solved or not valid, 2 bad input, 3 an error of the
-program itself, 130 interrupted. Modules that take long to import are imported where needed.
+program itself, 130 interrupted. Of many scenarios some may fail: bench ends with 0 when every one
+has its row, compete when there is at least one solution. Modules that take long to import are
+imported where needed.
 """
 
 import argparse
@@ -10,6 +12,7 @@ import os
 import signal
 import sys
 import tempfile
+import threading
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
@@ -20,6 +23,9 @@ from mpcplan.console import progress, quiet
 from mpcplan.errors import InputError, MpcplanError, RefereeError
 
 if TYPE_CHECKING:
+    import numpy as np
+
+    from mpcplan.score.judge import Judgement
     from mpcplan.score.verdict import Verdict
     from mpcplan.simulate.run import Drive, Run
 
@@ -87,6 +93,7 @@ def _parser() -> argparse.ArgumentParser:
     solve = _command(commands, "solve", _solve, "plan and drive one scenario, and judge the result")
     solve.add_argument("scenario", type=Path, metavar="SCENARIO", help="CommonRoad XML file")
     solve.add_argument("--out", type=Path, help="folder for the results (default: out/<id>)")
+    _add_planner(solve)
     _add_config(solve)
 
     judge = _command(commands, "evaluate", _evaluate, "judge a solution by the official checker")
@@ -96,12 +103,24 @@ def _parser() -> argparse.ArgumentParser:
 
     bench = _command(commands, "bench", _bench, "solve many scenarios and print the table")
     _add_bench(bench)
-    _add_config(bench)
+    _add_many(bench)
+
+    contest = _command(
+        commands, "compete", _compete, "solve as many scenarios as a budget of time buys"
+    )
+    _add_compete(contest)
+    _add_many(contest)
 
     versus = _command(commands, "compare", _compare, "compare two tables of results")
     versus.add_argument("a", metavar="A", help="results.csv or its folder")
     versus.add_argument("b", metavar="B", help="another one, perhaps with a column 'planner'")
     versus.add_argument("--planner", help="compare with this planner of B only")
+
+    twin = _command(commands, "twin", _twin, "make an interactive scenario out of a recorded one")
+    twin.add_argument("scenario", type=Path, metavar="SCENARIO", help="CommonRoad XML file")
+    twin.add_argument(
+        "--out", type=Path, required=True, metavar="FOLDER", help="folder to make; new or empty"
+    )
 
     config = _command(commands, "config", _config, "print the configuration in effect")
     _add_config(config)
@@ -116,6 +135,13 @@ def _command(
     return command
 
 
+def _add_planner(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--planner", default="mpcplan", metavar="MODULE:CLASS",
+        help="drive by this class, or by 'idm' or 'constant_velocity' (default: mpcplan)",
+    )  # fmt: skip
+
+
 def _add_config(command: argparse.ArgumentParser) -> None:
     command.add_argument("--config", type=Path, metavar="FILE", help="configuration (YAML)")
     command.add_argument(
@@ -127,14 +153,32 @@ def _add_config(command: argparse.ArgumentParser) -> None:
 def _add_bench(bench: argparse.ArgumentParser) -> None:
     bench.add_argument("paths", nargs="+", metavar="PATH", help="scenario files or folders of them")
     bench.add_argument("--out", type=Path, required=True, help="folder for the results; resumable")
-    bench.add_argument("--jobs", type=int, default=1, help="scenarios at a time (default: 1)")
+    bench.add_argument("--jobs", type=int, help="scenarios at a time (default: 1)")
     bench.add_argument(
         "--timeout", type=float, default=600.0, metavar="S", help="seconds per scenario (600)"
     )
-    bench.add_argument(
+
+
+def _add_compete(contest: argparse.ArgumentParser) -> None:
+    contest.add_argument("scenarios", metavar="IN", type=Path, help="folder of scenarios")
+    contest.add_argument("out", metavar="OUT", type=Path, help="folder for solutions; resumable")
+    contest.add_argument("--jobs", type=int, help="scenarios at a time (default: 2)")
+    contest.add_argument("--budget", default="6h", metavar="TIME", help="6h, 90m, 45s (6h)")
+
+
+def _add_many(command: argparse.ArgumentParser) -> None:
+    """What all commands that run many scenarios have in common."""
+    command.add_argument(
         "--memory", type=float, default=4000.0, metavar="MB",
         help="address space per scenario in MB (4000)",
     )  # fmt: skip
+    command.add_argument(
+        "--engine", choices=("local", "dask"), default="local",
+        help="where scenarios run: processes here, or a Dask cluster with all its threads",
+    )  # fmt: skip
+    command.add_argument("--address", metavar="tcp://HOST:PORT", help="of the Dask scheduler")
+    _add_planner(command)
+    _add_config(command)
 
 
 def _solve(args: argparse.Namespace) -> int:
@@ -146,12 +190,15 @@ def _solve(args: argparse.Namespace) -> int:
         from mpcplan.scenario import load
 
         loaded = load(args.scenario)  # bad input is found before the solvers are imported
+        from mpcplan.simulate.foreign import load_planner
         from mpcplan.simulate.loop import drive
 
+        planner = load_planner(args.planner)
         folder = _make_folder(args.out or Path("out", loaded.id))
-        run = drive(loaded, config, progress(terminal))
-        files, verdict = _write(run, folder)
-    print(_report(run, verdict))
+        run = drive(loaded, config, progress(terminal), planner)
+        files, judgement = _write(run, folder)
+    verdict = judgement.verdict if judgement is not None else None
+    print(_report(run, judgement))
     with quiet():
         from mpcplan.show.plots import plot_run
 
@@ -171,36 +218,47 @@ def _make_folder(folder: Path) -> Path:
     return folder
 
 
-def _write(run: "Run", folder: Path) -> tuple[list[Path], "Verdict | None"]:
-    """Trace and solution files, and the verdict (None: nothing driven that could be judged)."""
-    from mpcplan.score.referee import evaluate
+def _write(run: "Run", folder: Path) -> tuple[list[Path], "Judgement | None"]:
+    """Files, and what is said of the run (None: nothing driven that could be judged)."""
+    from mpcplan.score.judge import judge_run
 
     trace = folder / "trace.json"
     trace.write_text(json.dumps(run.trace(), indent=1) + "\n", encoding="utf-8")
+    if not run.solved and not run.driven:
+        return [trace], None
     try:
-        solution = run.write_solution(folder)
-        return [solution, trace], evaluate(run.loaded.path, solution)
+        judgement = judge_run(run, folder)
+        return [*judgement.files, trace], judgement
     except Exception:
         if run.solved:
             raise
         return [trace], None  # the run's own cause says what is wrong
 
 
-def _report(run: "Run", verdict: "Verdict | None") -> str:
+def _report(run: "Run", judgement: "Judgement | None") -> str:
     """The verdict, the goal, the cost and the planning times in a few lines."""
-    import numpy as np
-
     from mpcplan.score.verdict import verdict_lines
 
-    lines = [f"{'note':<10}{note}" for note in run.loaded.notes]
+    verdict = judgement.verdict if judgement is not None else None
+    lines = [f"{'note':<10}{note}" for note in run.notes]
     lines += [_goal_line(drive, run.loaded.dt) for drive in run.drives]
     lines += verdict_lines(verdict) if verdict is not None else []
-    times_ms = np.asarray(run.planning_ms, dtype=float)
-    if len(times_ms):
-        p50, p95, top = np.percentile(times_ms, (50, 95, 100))
-        times = f"p50 {p50:.0f} ms, p95 {p95:.0f} ms, longest {top:.0f} ms"
-        lines.append(f"{'planning':<10}{len(times_ms)} cycles, {times}")
+    if judgement is not None and judgement.late is not None:
+        late = judgement.late
+        lines.append(f"{'late':<10}replayed one step late: {late.cause or 'valid'}")
+    lines += _times("planning", "cycles", run.planning_ms)
+    lines += _times("traffic", "steps", run.step_ms) if run.loaded.interactive else []
     return "\n".join([f"{run.loaded.id}: {_outcome(run, verdict)}", *lines])
+
+
+def _times(what: str, of: str, times_ms: "np.ndarray") -> list[str]:
+    """Count and percentiles of some times, no line where there are none."""
+    import numpy as np
+
+    if not len(times_ms):
+        return []
+    p50, p95, top = (f"{value:.3g} ms" for value in np.percentile(times_ms, (50, 95, 100)))
+    return [f"{what:<10}{len(times_ms)} {of}, p50 {p50}, p95 {p95}, longest {top}"]
 
 
 def _outcome(run: "Run", verdict: "Verdict | None") -> str:
@@ -232,17 +290,75 @@ def _bench(args: argparse.Namespace) -> int:
     from mpcplan.bench import bench, summary
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # stops the workers, like Ctrl-C
-    limits = {"timeout_s": args.timeout, "memory_mb": args.memory}
-    path, rows = bench(args.paths, args.out, args.jobs, config_path=args.config,
-                       overrides=args.set, **limits)  # fmt: skip
+    path, rows = bench(args.paths, args.out, timeout_s=args.timeout, **_many(args, jobs=1))
     print(f"{summary(rows)}\n\n{path}")
     return OK
+
+
+def _compete(args: argparse.Namespace) -> int:
+    from mpcplan.bench import summary
+    from mpcplan.compete import compete, parse_budget
+
+    budget_s = parse_budget(args.budget)
+    stop = _stop_signals()
+    result = compete(args.scenarios, args.out, budget_s=budget_s, stop=stop.is_set,
+                     **_many(args, jobs=2))  # fmt: skip
+    print(f"{summary(result.rows)}\n")
+    unjudged = f", {result.unjudged} of them not judged" if result.unjudged else ""
+    print(f"{result.solutions} solutions{unjudged} in {args.out}, report in {result.report}")
+    if result.interrupted:
+        return INTERRUPTED
+    return OK if result.solutions else FAILED
+
+
+def _stop_signals() -> threading.Event:
+    """Set by the first SIGTERM or Ctrl-C, so that the run comes to an orderly end; a second one
+    interrupts at once."""
+    stop = threading.Event()
+
+    def ask(number: int, frame: Any) -> None:
+        if stop.is_set():
+            signal.default_int_handler(number, frame)
+        stop.set()
+
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, ask)
+    return stop
+
+
+def _many(args: argparse.Namespace, jobs: int) -> dict[str, Any]:
+    """Arguments that bench and compete have in common; ``jobs`` of the local engine by default."""
+    from mpcplan.bench.engine import open_engine
+
+    if args.planner != "mpcplan":
+        with quiet():
+            from mpcplan.simulate.foreign_class import find_class
+
+            find_class(args.planner)  # a wrong name is one error, not one per scenario
+    here = jobs if args.engine == "local" and args.jobs is None else args.jobs
+    return {
+        "engine": open_engine(args.engine, args.address, here),
+        "config_path": args.config,
+        "overrides": args.set,
+        "memory_mb": args.memory,
+        "planner": args.planner,
+    }
 
 
 def _compare(args: argparse.Namespace) -> int:
     from mpcplan.bench import compare
 
     print(compare(args.a, args.b, args.planner))
+    return OK
+
+
+def _twin(args: argparse.Namespace) -> int:
+    with quiet():
+        from mpcplan.sumo.twin import make_twin
+
+        twin = make_twin(args.scenario, args.out)
+    lines = [f"{twin.id} in {twin.folder}", *(f"{'note':<10}{note}" for note in twin.notes)]
+    print("\n".join([*lines, f"{'drive it':<10}mpcplan solve {twin.folder}"]))
     return OK
 
 

@@ -12,10 +12,15 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+GRACE_S = 2.0
+"""Time [s] between the request to end (SIGTERM) and the end by force (SIGKILL)."""
+
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _MEMORY = re.compile(
     r"MemoryError|bad_alloc|Cannot allocate memory|out of memory|failed to map segment", re.I
 )
+_NO_ROOM = re.compile(r"No space left on device|Disk quota exceeded")
+_FROM_OUTSIDE = (-signal.SIGTERM, -signal.SIGINT, -signal.SIGHUP)
 
 
 @dataclass(frozen=True)
@@ -24,13 +29,15 @@ class End:
 
     Attributes:
         code: exit code, or minus the signal's number.
-        timed_out: it was stopped at its time limit.
+        timed_out: it was ended at its time limit.
+        stopped: it was ended by :meth:`Processes.stop`.
         wall_s: run time [s].
         peak_mb: largest resident memory of it and its children [MB].
     """
 
     code: int
     timed_out: bool
+    stopped: bool
     wall_s: float
     peak_mb: float
 
@@ -40,66 +47,98 @@ class Processes:
 
     def __init__(self) -> None:
         """Nothing runs yet."""
-        self._groups: set[int] = set()
+        self._running: set[int] = set()
         self._lock = threading.Lock()
         self._stopped = False
 
-    def run(self, command: Sequence[str], log: Path, timeout_s: float, memory_mb: float) -> End:
+    def run(
+        self, command: Sequence[str], scratch: Path, log: Path, timeout_s: float, memory_mb: float
+    ) -> End:
         """Run a command to its end, its output in a log file.
+
+        At the time limit the process gets SIGTERM, so that it can say how far it came, and with its
+        children SIGKILL ``GRACE_S`` later. Its standard input is a pipe from this process: a worker
+        that reads the pipe's end knows that nobody is left to limit it.
 
         Args:
             command: program and arguments.
+            scratch: folder for the temporary files of the process and its children, which cannot
+                remove them when they are killed.
             log: file for stdout and stderr.
-            timeout_s: after this time the process and its children are killed [s].
+            timeout_s: time limit [s].
             memory_mb: limit of the address space [MB].
+
+        Raises:
+            InterruptedError: :meth:`stop` has been called before the start.
+            OSError: the process cannot be started.
         """
         start = time.monotonic()
-        process = self._start(command, log)
+        process = self._start(command, scratch, log)
         _limit_memory(process.pid, memory_mb)
         expired = threading.Event()
 
         def expire() -> None:
             expired.set()
-            kill_group(process.pid)
+            self._end([process.pid])
 
         timer = threading.Timer(timeout_s, expire)
+        timer.daemon = True
         timer.start()
-        _, status, usage = os.wait4(process.pid, 0)
+        code, peak_mb = self._wait(process)
         timer.cancel()
-        kill_group(process.pid)  # children that outlived it
-        with self._lock:
-            self._groups.discard(process.pid)
-        process.returncode = os.waitstatus_to_exitcode(status)
-        wall_s = time.monotonic() - start
-        return End(process.returncode, expired.is_set(), wall_s, usage.ru_maxrss / 1024)
+        return End(code, expired.is_set(), self._stopped, time.monotonic() - start, peak_mb)
 
-    def _start(self, command: Sequence[str], log: Path) -> subprocess.Popen[bytes]:
+    def _start(self, command: Sequence[str], scratch: Path, log: Path) -> subprocess.Popen[bytes]:
         """Start a process in a group of its own, so that its children die with it."""
         with log.open("wb") as output, self._lock:
             if self._stopped:
                 raise InterruptedError("stopped before the start")
             process = subprocess.Popen(
                 command,
-                stdin=subprocess.DEVNULL,
+                stdin=subprocess.PIPE,
                 stdout=output,
                 stderr=output,
-                env=worker_environment(),
+                env={**worker_environment(), "TMPDIR": str(scratch)},
                 start_new_session=True,
             )
-            self._groups.add(process.pid)
+            self._running.add(process.pid)
         return process
 
-    @property
-    def stopped(self) -> bool:
-        """Whether :meth:`stop` has been called."""
-        return self._stopped
+    def _wait(self, process: subprocess.Popen[bytes]) -> tuple[int, float]:
+        """Exit code and largest memory [MB] of a process, once it and its children are gone."""
+        os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)  # it keeps its id for now
+        with self._lock:
+            self._running.discard(process.pid)
+            kill_group(process.pid)  # children that outlived it
+            _, status, usage = os.wait4(process.pid, 0)
+        process.returncode = os.waitstatus_to_exitcode(status)
+        if process.stdin is not None:
+            process.stdin.close()
+        return process.returncode, usage.ru_maxrss / 1024
 
     def stop(self) -> None:
-        """Kill all that run and start no more."""
+        """End all that run, with ``GRACE_S`` to say a last word, and start no more."""
         with self._lock:
             self._stopped = True
-            for group in self._groups:
-                kill_group(group)
+            pids = list(self._running)
+        self._end(pids)
+
+    def _end(self, pids: Sequence[int]) -> None:
+        """Ask processes to end, and force those that do not."""
+        self._signal(pids, signal.SIGTERM)
+        force = threading.Timer(GRACE_S, lambda: self._signal(pids, signal.SIGKILL))
+        force.daemon = True
+        force.start()
+
+    def _signal(self, pids: Iterable[int], number: signal.Signals) -> None:
+        """A request goes to the process alone (its children serve it), force to its whole group."""
+        with self._lock:  # one that has been waited for is not among them: its id may be another's
+            for pid in self._running.intersection(pids):
+                if number == signal.SIGKILL:
+                    kill_group(pid)
+                else:
+                    with suppress(ProcessLookupError):
+                        os.kill(pid, number)
 
 
 def worker_environment() -> dict[str, str]:
@@ -133,7 +172,11 @@ def judge_end(end: End, log: Path, timeout_s: float, memory_mb: float) -> tuple[
     if any(_MEMORY.search(line) for line in lines[-40:]):
         return "memory", f"needs more than {memory_mb:g} MB of memory"
     if end.code == -signal.SIGKILL:
-        return "memory", "killed by the system (signal 9), most likely for lack of memory"
+        return "aborted", "killed by the system (signal 9), most likely for lack of memory"
+    if end.code in _FROM_OUTSIDE:
+        return "aborted", f"ended from outside (signal {-end.code})"
+    if any(_NO_ROOM.search(line) for line in lines[-40:]):
+        return "aborted", "no space left for the files of the run"
     how = f"exit code {end.code}"
     if end.code < 0:
         how = f"signal {-end.code}, {signal.Signals(-end.code).name}"

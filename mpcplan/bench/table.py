@@ -1,13 +1,15 @@
-"""The benchmark's table: counts and TR1 per map cluster, planning times, causes of failure."""
+"""The benchmark's table: counts and TR1 per map cluster, times, statuses, causes of failure."""
 
 import re
 import statistics
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Sequence
 
 from mpcplan.bench.store import Row
+from mpcplan.score.tr1 import CHECKER_WEIGHTS, PARTS
 
 _HEAD = ("cluster", "total", "solved", "TR1 mean", "std", "median", "worst", "report mean")
+_PARTS_HEAD = ("of the solved", "mean", "median", "worst")
 
 
 def summary(rows: Sequence[Row]) -> str:
@@ -20,8 +22,13 @@ def summary(rows: Sequence[Row]) -> str:
     for row in rows:
         clusters[row["cluster"]].append(row)
     lines = [_cells(name, group) for name, group in sorted(clusters.items())]
-    text = align([_HEAD, *lines, _cells("all", rows)])
-    return "\n".join([text, "", *planning_lines(rows), *cause_lines(rows)]).rstrip()
+    blocks = [
+        [align([_HEAD, *lines, _cells("all", rows)])],
+        parts_lines(rows),
+        [*status_lines(rows), *late_lines(rows), *planning_lines(rows)],
+        cause_lines(rows),
+    ]
+    return "\n\n".join("\n".join(block) for block in blocks if block)
 
 
 def _cells(name: str, rows: Sequence[Row]) -> tuple[str, ...]:
@@ -60,19 +67,79 @@ def align(lines: Sequence[Sequence[str]]) -> str:
     )
 
 
+def parts_lines(rows: Sequence[Row]) -> list[str]:
+    """TR1 and its weighted parts over the valid solutions, nothing where there is none."""
+    solved = [row for row in rows if row["valid"]]
+    if not numbers(solved, "TR1"):
+        return []
+    table: list[tuple[str, ...]] = [_PARTS_HEAD]
+    for name in ("TR1", *PARTS):
+        weight = CHECKER_WEIGHTS.get(name, 1.0)
+        values = [weight * value for value in numbers(solved, name)]
+        label = name if name == "TR1" else f"{name} (weighted)"
+        figures = (figure(values, f) for f in (statistics.fmean, statistics.median, max))
+        table.append((label, *figures))
+    return [align(table)]
+
+
+def status_lines(rows: Sequence[Row]) -> list[str]:
+    """How many scenarios have which status; of both kinds where there are both."""
+    kinds = sorted({str(row["kind"]) for row in rows})
+    lines = []
+    for kind in kinds:
+        counts = Counter(str(row["status"]) for row in rows if row["kind"] == kind)
+        told = ", ".join(f"{status} {count}" for status, count in counts.most_common())
+        lines.append(f"{kind}: {counts.total()} scenarios: {told}")
+    return lines
+
+
+def late_lines(rows: Sequence[Row]) -> list[str]:
+    """Validity on time and with the ego one step late, of the interactive scenarios."""
+    interactive = [row for row in rows if row["kind"] == "interactive"]
+    if not interactive:
+        return []
+    on_time = [row for row in interactive if row["valid"]]
+    late = [row for row in on_time if row["valid_late"] is True]
+    counts = Counter(_kind(row, "cause_late") for row in on_time if row["cause_late"])
+    return [
+        f"interactive: valid on time {_share(on_time, interactive)}, "
+        f"also with the ego one step late {_share(late, interactive)}",
+        *(f"  {count} x late: {cause}" for cause, count in counts.most_common()),
+    ]
+
+
+def _share(some: Sequence[Row], whole: Sequence[Row]) -> str:
+    return f"{len(some)} of {len(whole)} ({len(some) / len(whole):.1%})"
+
+
 def planning_lines(rows: Sequence[Row]) -> list[str]:
-    """Planning time per cycle and memory over all scenarios."""
+    """Planning time per cycle, simulation time per step, time and memory of the processes."""
+    peak, wall = numbers(rows, "peak_mb"), numbers(rows, "wall_s")
+    lines = [*_cycle_lines(rows), *_step_lines(rows)]
+    if wall:
+        p50, longest = figure(wall, statistics.median, 1), figure(wall, max, 1)
+        lines.append(f"per scenario: median {p50} s, longest {longest} s, all {sum(wall):.0f} s")
+    return [*lines, f"memory: at most {figure(peak, max, 0)} MB"] if peak else lines
+
+
+def _step_lines(rows: Sequence[Row]) -> list[str]:
+    if not numbers(rows, "sim_ms_p50"):
+        return []
+    p50 = figure(numbers(rows, "sim_ms_p50"), statistics.median, 2)
+    longest = figure(numbers(rows, "sim_ms_max"), max, 1)
+    return [f"simulation per step: p50 {p50} ms (median over the scenarios), longest {longest} ms"]
+
+
+def _cycle_lines(rows: Sequence[Row]) -> list[str]:
     if not numbers(rows, "plan_max_ms"):
         return []
     p50 = figure(numbers(rows, "plan_p50_ms"), statistics.median, 1)
     p95, p95s = numbers(rows, "plan_p95_ms"), "plan_p95_ms"
-    lines = [
+    return [
         f"planning per cycle: p50 {p50} ms, p95 {figure(p95, statistics.median, 1)} ms "
         f"(medians over the scenarios; worst p95 {figure(numbers(rows, p95s), max, 1)} ms), "
         f"longest {figure(numbers(rows, 'plan_max_ms'), max, 1)} ms"
     ]
-    peak = numbers(rows, "peak_mb")
-    return [*lines, f"memory: at most {figure(peak, max, 0)} MB"] if peak else lines
 
 
 def cause_lines(rows: Sequence[Row]) -> list[str]:
@@ -83,14 +150,14 @@ def cause_lines(rows: Sequence[Row]) -> list[str]:
             groups[row["status"], _kind(row)].append(row)
     if not groups:
         return []
-    lines = ["", f"not solved: {sum(map(len, groups.values()))} of {len(rows)}"]
+    lines = [f"not solved: {sum(map(len, groups.values()))} of {len(rows)}"]
     for (status, _), group in sorted(groups.items(), key=lambda item: (-len(item[1]), item[0])):
         example = group[0]
         lines.append(f"  {len(group)} x {status}: {example['cause']} ({example['scenario']})")
     return lines
 
 
-def _kind(row: Row) -> str:
+def _kind(row: Row, column: str = "cause") -> str:
     """The cause without the scenario's name and numbers."""
-    cause = str(row["cause"]).replace(str(row["scenario"]), "")
+    cause = str(row[column]).replace(str(row["scenario"]), "")
     return re.sub(r"-?\d+(\.\d+)?(e-?\d+)?", "#", cause)

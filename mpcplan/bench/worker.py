@@ -4,68 +4,145 @@ Usage: python -m mpcplan.bench.worker SCENARIO OUT ROW --config FILE
 
 Everything printed goes to the scenario's log. A failure of the planner that it foresees (and any
 other exception) becomes a row here; a crash, a hang or lack of memory leaves no row, and the
-parent process writes one.
+parent process writes one. A solution that passes our own verification is written, with a row that
+says ``unjudged``, before the official check begins, so that what ends the worker then costs the
+verdict only.
 """
 
 import argparse
+import errno
 import gzip
 import json
 import os
 import resource
+import signal
 import sys
+import threading
 import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mpcplan.bench.find import scenario_name
-from mpcplan.bench.store import Row, empty_row, write_atomically
+from mpcplan.bench.cells import judgement_cells, run_cells
+from mpcplan.bench.files import write_whole
+from mpcplan.bench.find import benchmark_id, kind_of
+from mpcplan.bench.job import OWN_PLANNER
+from mpcplan.bench.store import CUT, UNJUDGED, Row, empty_row, read_row
 from mpcplan.errors import InputError, MpcplanError, RefereeError
-from mpcplan.score.referee import Verdict, evaluate
-from mpcplan.score.tr1 import PARTS
 
 if TYPE_CHECKING:
+    from mpcplan.score.judge import Judgement
     from mpcplan.simulate.run import Run
 
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT)
 
-def work(scenario: Path, out: Path, config_path: Path) -> Row:
-    """The row of one scenario; an exception becomes its status and cause."""
-    name = scenario_name(scenario)
+
+class Worker:
+    """One scenario's work, and what is known of it so far."""
+
+    def __init__(
+        self, scenario: Path, out: Path, row: Path, config: Path, planner: str = OWN_PLANNER
+    ) -> None:
+        """See :class:`mpcplan.bench.job.Job`."""
+        self._scenario, self._out, self._row_path, self._config = scenario, out, row, config
+        self._planner = planner
+        self._where = "before the drive"
+
+    def work(self) -> Row:
+        """The row; an exception becomes its status and cause."""
+        try:
+            return self._work()
+        except MemoryError:
+            return self._failed("memory", "ran out of memory")
+        except InputError as error:
+            return self._failed("bad_input", str(error))
+        except RefereeError as error:
+            return self._failed("crash", str(error))
+        except MpcplanError as error:
+            return self._failed("not_solved", str(error))
+        except Exception as error:  # a mistake in the planner costs one row, told with its place
+            traceback.print_exc()
+            no_room = isinstance(error, OSError) and error.errno in _NO_ROOM
+            cause = f"{_brief(error)} ({_place(error)})"
+            return self._failed("aborted" if no_room else "crash", cause)
+
+    def _failed(self, status: str, cause: str) -> Row:
+        """The row of a failure: the candidate's, when there is one that could not be judged."""
+        candidate = read_row(self._row_path)
+        if candidate is not None:
+            return candidate | {"cause": f"not judged: {cause}"}
+        return self._row(status, cause)
+
+    def _work(self) -> Row:
+        from mpcplan.config_io import load_config
+        from mpcplan.scenario import load
+
+        config, loaded = load_config(self._config), load(self._scenario)
+        from mpcplan.simulate.loop import drive  # bad input is found before the solvers come in
+
+        run = drive(loaded, config, self._progress, **self._foreign())
+        row = self._row("not_solved") | {"scenario": loaded.id, **run_cells(run)}
+        row["peak_mb"] = round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1)
+        write_trace(run.trace(), self._out / "traces" / f"{loaded.id}.json.gz")
+        self._keep_candidate(run, row)
+        return row | judgement_cells(run, _judge(run, self._out / "solutions"))
+
+    def _foreign(self) -> dict[str, Any]:
+        """The argument for another planner than our own."""
+        if self._planner == OWN_PLANNER:
+            return {}
+        from mpcplan.simulate.foreign import load_planner
+
+        return {"planner": load_planner(self._planner)}
+
+    def _keep_candidate(self, run: "Run", row: Row) -> None:
+        """Write the solution and a row for it, if it passes our own verification."""
+        if _verified(run):
+            run.write_solution(self._out / "solutions")
+            self._write(row | {"status": UNJUDGED, "cause": "not judged"})
+
+    def _progress(self, step: int, last_step: int) -> None:
+        self._where = f"in the drive, at step {step} of at most {last_step}"
+
+    def cut(self, number: int, _: object) -> None:
+        """End on a signal, with a row that says how far the work has come."""
+        if read_row(self._row_path) is None:
+            self._write(self._row(CUT, self._where))
+        signal.signal(number, signal.SIG_DFL)
+        os.kill(os.getpid(), number)
+
+    def _row(self, status: str, cause: str = "") -> Row:
+        name, kind = benchmark_id(self._scenario), kind_of(self._scenario)
+        return empty_row(name, status, cause, kind, self._planner)
+
+    def _write(self, row: Row) -> None:
+        write_whole(self._row_path, json.dumps(row))
+
+    def finish(self) -> None:
+        """Work, and write the row."""
+        row = self.work()
+        signal.signal(signal.SIGTERM, signal.SIG_IGN)  # too late to be cut
+        self._write(row)
+
+
+def _verified(run: "Run") -> bool:
+    """Our own verification; the official one is asked also where this one refuses or fails."""
+    from mpcplan.bench.candidate import verify_run
+
     try:
-        return _work(scenario, out, config_path)
-    except MemoryError:
-        return empty_row(name, "memory", "ran out of memory")
-    except InputError as error:
-        return empty_row(name, "bad_input", str(error))
-    except RefereeError as error:
-        return empty_row(name, "crash", str(error))
-    except MpcplanError as error:
-        return empty_row(name, "not_solved", str(error))
-    except Exception as error:  # a mistake in the planner costs one row, told with its place
+        finding = verify_run(run)
+    except Exception:
         traceback.print_exc()
-        return empty_row(name, "crash", f"{_brief(error)} ({_place(error)})")
+        return False
+    print(f"own verification: {finding}", flush=True)
+    return finding.ok
 
 
-def _work(scenario: Path, out: Path, config_path: Path) -> Row:
-    from mpcplan.config_io import load_config
-    from mpcplan.scenario import load
+def _judge(run: "Run", folder: Path) -> "Judgement | None":
+    """The verdicts; a run that is not solved may well have no solution to judge."""
+    from mpcplan.score.judge import judge_run
 
-    loaded = load(scenario)  # bad input is found before the solvers are imported
-    from mpcplan.simulate.loop import drive
-
-    run = drive(loaded, load_config(config_path))
-    row = empty_row(run.loaded.id) | planning_cells(run)
-    row["peak_mb"] = round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1)
-    write_trace(run.trace(), out / "traces" / f"{run.loaded.id}.json.gz")
-    verdict = _judge(run, out / "solutions")
-    if verdict is not None:
-        row |= verdict_cells(verdict)
-    return row | _outcome(run, verdict)
-
-
-def _judge(run: "Run", folder: Path) -> Verdict | None:
-    """The official verdict; a run that is not solved may well have no solution to judge."""
     try:
-        return evaluate(run.loaded.path, run.write_solution(folder))
+        return judge_run(run, folder)
     except Exception:
         if run.solved:
             raise
@@ -73,43 +150,10 @@ def _judge(run: "Run", folder: Path) -> Verdict | None:
         return None
 
 
-def _outcome(run: "Run", verdict: Verdict | None) -> Row:
-    """Status, validity and cause."""
-    if not run.solved or verdict is None:
-        return {"status": "not_solved", "valid": False, "cause": run.cause}
-    status = "solved" if verdict.valid else "invalid"
-    return {"status": status, "valid": verdict.valid, "cause": verdict.cause}
-
-
-def planning_cells(run: "Run") -> Row:
-    """Number of cycles and their times."""
-    import numpy as np
-
-    times_ms = np.asarray(run.planning_ms, dtype=float)
-    cells: Row = {"cycles": len(times_ms)}
-    if len(times_ms):
-        for name, value in zip(
-            ("plan_p50_ms", "plan_p95_ms", "plan_max_ms"),
-            np.percentile(times_ms, (50, 95, 100)),
-            strict=True,
-        ):
-            cells[name] = round(float(value), 3)
-    return cells
-
-
-def verdict_cells(verdict: Verdict) -> Row:
-    """The checks and the cost."""
-    cells: Row = {**verdict.checks, "duration_s": round(verdict.duration_s, 3)}
-    if verdict.parts is not None:
-        cells |= {part: verdict.parts[part] for part in PARTS}
-        cells |= {"TR1": verdict.tr1, "TR1_report": verdict.tr1_report}
-    return cells
-
-
 def write_trace(trace: dict[str, Any], path: Path) -> None:
     """A trace as compressed JSON, the same bytes for the same trace."""
-    text = json.dumps(trace, sort_keys=True)
-    path.write_bytes(gzip.compress(text.encode(), mtime=0))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(gzip.compress(json.dumps(trace, sort_keys=True).encode(), mtime=0))
 
 
 def _brief(error: BaseException) -> str:
@@ -124,15 +168,34 @@ def _place(error: BaseException) -> str:
     return f"{Path(ours[-1].filename).name}, line {ours[-1].lineno}" if ours else "unknown place"
 
 
+def end_with_parent() -> None:
+    """Kill this process's group when standard input, a pipe from the parent, comes to its end.
+
+    A parent that was killed can limit and stop nobody any more.
+    """
+
+    def wait() -> None:
+        while os.read(0, 1):
+            pass
+        os.killpg(0, signal.SIGKILL)
+
+    threading.Thread(target=wait, daemon=True).start()
+
+
 def main() -> None:
     """Read the command line, work, write the row."""
     parser = argparse.ArgumentParser(prog="mpcplan.bench.worker")
     for name in ("scenario", "out", "row"):
         parser.add_argument(name, type=Path)
     parser.add_argument("--config", type=Path, required=True)
+    parser.add_argument("--planner", default=OWN_PLANNER)
+    parser.add_argument("--end-with-parent", action="store_true")
     args = parser.parse_args()
-    row = work(args.scenario, args.out, args.config)
-    write_atomically(args.row, json.dumps(row))
+    worker = Worker(args.scenario, args.out, args.row, args.config, args.planner)
+    signal.signal(signal.SIGTERM, worker.cut)
+    if args.end_with_parent:
+        end_with_parent()
+    worker.finish()
 
 
 if __name__ == "__main__":

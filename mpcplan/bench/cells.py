@@ -1,0 +1,57 @@
+"""The cells of a row that a run and its judgement fill."""
+
+from typing import TYPE_CHECKING
+
+from mpcplan.bench.store import Row
+from mpcplan.score.tr1 import PARTS
+from mpcplan.score.verdict import Verdict
+
+if TYPE_CHECKING:
+    from mpcplan.score.judge import Judgement
+    from mpcplan.simulate.run import Run
+    from mpcplan.trajectory import Array
+
+_DIGITS_MS = 3
+
+
+def run_cells(run: "Run") -> Row:
+    """Cycles, the times of planning and of the simulation, and notes."""
+    cells: Row = {"cycles": len(run.planning_ms), "notes": "; ".join(run.notes)}
+    planning = {"plan_p50_ms": 50.0, "plan_p95_ms": 95.0, "plan_max_ms": 100.0}
+    cells |= _percentiles(run.planning_ms, planning)
+    if run.loaded.interactive:
+        cells |= _percentiles(run.step_ms, {"sim_ms_p50": 50.0, "sim_ms_max": 100.0})
+    return cells
+
+
+def _percentiles(times_ms: "Array", wanted: dict[str, float]) -> Row:
+    """Percentiles of times [ms] by column, nothing where there are no times."""
+    import numpy as np
+
+    if not len(times_ms):
+        return {}
+    values = np.percentile(times_ms, list(wanted.values()))
+    return {n: round(float(v), _DIGITS_MS) for n, v in zip(wanted, values, strict=True)}
+
+
+def judgement_cells(run: "Run", judgement: "Judgement | None") -> Row:
+    """Status, validity on time and late, cause, the checks and the cost."""
+    if judgement is None:
+        return {"status": "not_solved", "valid": False, "cause": run.cause}
+    verdict, late = judgement.verdict, judgement.late
+    cells = verdict_cells(verdict)
+    if late is not None:
+        cells |= {"valid_late": late.valid, "cause_late": late.cause}
+    if not run.solved:
+        return cells | {"status": "not_solved", "valid": False, "cause": run.cause}
+    status = "solved" if verdict.valid else "invalid"
+    return cells | {"status": status, "valid": verdict.valid, "cause": verdict.cause}
+
+
+def verdict_cells(verdict: Verdict) -> Row:
+    """The checks and the cost."""
+    cells: Row = {**verdict.checks, "duration_s": round(verdict.duration_s, 3)}
+    if verdict.parts is not None:
+        cells |= {part: verdict.parts[part] for part in PARTS}
+        cells |= {"TR1": verdict.tr1, "TR1_report": verdict.tr1_report}
+    return cells

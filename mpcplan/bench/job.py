@@ -1,0 +1,50 @@
+"""What one worker process is to do, and its command line."""
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+OWN_PLANNER = "mpcplan"
+"""The planner of this package, in place of 'package.module:Class'."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of one worker: time [s] and address space [MB]."""
+
+    timeout_s: float = 600.0
+    memory_mb: float = 4000.0
+
+
+@dataclass(frozen=True)
+class Job:
+    """One scenario to be run by a worker process.
+
+    Attributes:
+        name: file name without extension.
+        scenario: the file, or an interactive scenario's folder.
+        out: where the worker writes solution, trace and simulated traffic.
+        row: where the worker writes its row.
+        config: configuration file that holds every parameter.
+        planner: 'package.module:Class', or :data:`OWN_PLANNER`.
+    """
+
+    name: str
+    scenario: Path
+    out: Path
+    row: Path
+    config: Path
+    planner: str = OWN_PLANNER
+
+
+Command = Callable[[Job], list[str]]
+
+
+def worker_command(job: Job) -> list[str]:
+    """The command that plans, drives and judges one scenario."""
+    return [
+        *(sys.executable, "-m", "mpcplan.bench.worker"),
+        *(str(job.scenario), str(job.out), str(job.row)),
+        *("--config", str(job.config), "--planner", job.planner, "--end-with-parent"),
+    ]
