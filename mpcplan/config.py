@@ -34,6 +34,16 @@ class CostConfig(Section):
     distance_lateral: float = par(
         2.8, "m", "obstacles within this lateral distance count as ahead", gt=0, le=10
     )
+    reserve: float = par(
+        0.0,
+        "1",
+        "goal positions are due this share of the remaining time before the last moment",
+        ge=0,
+        le=0.9,
+    )
+    late: float = par(
+        0.02, "1/(m^2 s)", "weight of the squared distance to a position that is due", ge=0, le=1e3
+    )
 
 
 class RoadConfig(Section):
@@ -62,12 +72,51 @@ class RoadConfig(Section):
 class PredictConfig(Section):
     """How the other vehicles' motion is predicted."""
 
-    kind: Literal["recorded", "constant_input"] = par(
-        "recorded", "", "recorded trajectories, or constant acceleration and yaw rate"
+    kind: Literal["auto", "recorded", "constant_input", "lane_follow"] = par(
+        "auto",
+        "",
+        "recorded trajectories, constant acceleration and yaw rate, or along the lanes; auto: "
+        "recorded where the traffic is played back, else along the lanes",
     )
     horizon: float = par(3.0, "s", "length of constant_input's prediction", gt=0.1, le=20)
     history: int = par(
-        5, "1", "past boxes from which acceleration and yaw rate are fitted", ge=2, le=50
+        5, "1", "past boxes from which constant_input fits acceleration and yaw rate", ge=2, le=50
+    )
+    reserve: float = par(
+        0.25, "1", "cost.reserve is at least this where the others' motion is a guess", ge=0, le=0.9
+    )
+    lane_horizon: float = par(8.0, "s", "length of lane_follow's prediction", ge=0.2, le=20)
+    lane_history: int = par(
+        3, "1", "past boxes from which lane_follow fits acceleration and drift", ge=2, le=50
+    )
+    reach: float = par(
+        150.0, "m", "lane_follow predicts those further away straight on", gt=0, le=1000
+    )
+    acceleration_fade: float = par(
+        3.0, "s", "time constant by which an observed acceleration becomes the usual one", gt=0
+    )
+    braking_fade: float = par(1.0, "s", "the same for braking", gt=0)
+    offset_fade: float = par(
+        20.0, "s", "time constant by which offsets from the lane's centre fade", gt=0
+    )
+    lateral_acceleration: float = par(
+        5.5, "m/s^2", "lateral acceleration of the others in turns", gt=0.5, le=11
+    )
+    alternative: float = par(
+        0.25,
+        "1",
+        "hypotheses of at least this weight are predicted beside the main one",
+        gt=0,
+        le=1,
+    )
+    alternative_horizon: float = par(
+        3.0, "s", "length of the prediction of such hypotheses", ge=0, le=20
+    )
+    spread_along: float = par(
+        0.0, "1", "predicted boxes grow by this part of the way driven at either end", ge=0, le=0.5
+    )
+    leave_out_followers: bool = par(
+        True, "", "who follows the ego vehicle in its lane is expected to stay behind it"
     )
 
 

@@ -53,7 +53,9 @@ class Planner:
             RoadError: where no route leads to the goal.
             InputError: the configured prediction is not possible.
         """
-        self.config = config or Config()
+        config = config or Config()
+        known = task.recorded is not None and config.predict.kind in ("auto", "recorded")
+        self.config = config if known else _with_reserve(config)
         self.problem, self.dt = task.problem, task.dt
         goal = task.problem.planning_problem
         self.roads = build_roads(task.road_map, goal, self.config.road)
@@ -290,6 +292,13 @@ class Planner:
                 what = "no plan is safe to its end; the one safe longest is driven"
                 return last, _why(what, reasons)
         return stop, _why("emergency braking", reasons)
+
+
+def _with_reserve(config: Config) -> Config:
+    """The configuration for others whose motion is a guess: the last moment may be too late."""
+    reserve = max(config.cost.reserve, config.predict.reserve)
+    cost = config.cost.model_copy(update={"reserve": reserve})
+    return config.model_copy(update={"cost": cost})
 
 
 def _why(what: str, reasons: list[str]) -> str:

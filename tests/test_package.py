@@ -29,13 +29,14 @@ MODULES = {  # import name by distribution, where the two differ
     "commonroad-drivability-checker": "commonroad_dc",
     "pyyaml": "yaml",
 }
-# the checker imports these for the cost and the vehicle: pinned here, since verdicts depend on them
-INDIRECT = {"commonroad_clcs", "commonroad_vehicle_models"}
+# the checker imports the first two for the cost and the vehicle: pinned here, since verdicts depend
+# on them; the last one brings the converter's program
+INDIRECT = {"commonroad_clcs", "commonroad_vehicle_models", "eclipse_sumo"}
 
 
 def _declared() -> set[str]:
-    """Import names of the dependencies that are no extras."""
-    lines = [line for line in requires("mpcplan") or [] if "extra ==" not in line]
+    """Import names of the dependencies, and of the extras that are not for development."""
+    lines = [line for line in requires("mpcplan") or [] if not re.search("extra == .dev", line)]
     names = {re.split(r"[^A-Za-z0-9_.-]", line)[0].lower() for line in lines}
     return {MODULES.get(name, name.replace("-", "_")) for name in names}
 

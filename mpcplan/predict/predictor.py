@@ -3,8 +3,10 @@
 from typing import Protocol
 
 from mpcplan.config import PredictConfig
+from mpcplan.errors import InputError
 from mpcplan.observation import Forecast, Observation
 from mpcplan.predict.constant_input import ConstantInput
+from mpcplan.predict.lane_follow import LaneFollow
 from mpcplan.predict.recorded import Recorded
 from mpcplan.task import Task
 
@@ -18,7 +20,21 @@ class Predictor(Protocol):
 
 
 def make_predictor(task: Task, config: PredictConfig) -> Predictor:
-    """The configured predictor; only ``recorded`` reads trajectories."""
-    if config.kind == "recorded" and task.recorded is not None:
-        return Recorded(task.recorded)
-    return ConstantInput(config, task.dt)
+    """The configured predictor; only ``recorded`` reads trajectories.
+
+    Raises:
+        InputError: recorded trajectories are asked for where the traffic reacts and none exist.
+    """
+    kind = config.kind
+    if kind == "auto":
+        kind = "lane_follow" if task.recorded is None else "recorded"
+    if kind == "constant_input":
+        return ConstantInput(config, task.dt)
+    if kind == "lane_follow":
+        return LaneFollow(task.road_map.lanelet_network, config, task.dt)
+    if task.recorded is None:
+        raise InputError(
+            "predict.kind is 'recorded', but the traffic of an interactive scenario reacts and "
+            "nobody knows its future; choose 'auto', 'lane_follow' or 'constant_input'"
+        )
+    return Recorded(task.recorded)

@@ -3,7 +3,8 @@
 States x = [s, d, mu, v, delta, a], inputs u = [j, w], steps k = 0..N (see :mod:`.model`):
 
     min  dt sum_k  w_J j_k^2 + w_SR w_k^2 + w_D exp(-c (lead_k - s_k - b - r)) + w_LC e_k^2
-         + w_v max(0, v_k - v_lim)^2 + rho' sigma (+ |x_N - x_seed|_W^2 where the goal lies further)
+         + w_v max(0, v_k - v_lim)^2 + w_T max(0, due_k - s_k)^2 + rho' sigma
+         (+ |x_N - x_seed|_W^2 where the goal lies further)
     s.t. x_{k+1} = F(x_k, u_k), x_0 given,
          |delta| <= 0.91, 0 <= v <= 45.8, |w| <= 0.4, -11.5 <= a, a <= 11.5 min(1, 4.755/v),
          a^2 + (v^2/l tan delta)^2 <= 11.5^2 + sigma_a, |v^2/l tan delta| <= a_lat + sigma_a,
@@ -98,6 +99,7 @@ class Problem:
         d = seed.states[: n + 1, Stage.D]
         self.lane = d - road.limits.lane_offset(road.frame, s, d)  # the lane nearest to the seed
         self.speed_limit = np.maximum(np.interp(s, road.frame.s, road.limits.posted), 0.5)
+        self.due = road.due(seed.first_step, n, config.cost.reserve)[1:]
         self.terminal = np.zeros(len(Stage)) if goal else np.array(config.refine.terminal)
         start = abs(float(x0[Stage.V] ** 2 / CAR.wheelbase * np.tan(x0[Stage.DELTA])))
         self.lateral_limit = max(config.road.lateral_acceleration, min(start, 0.9 * CAR.a_max))
@@ -146,7 +148,7 @@ class Problem:
         rate = cost.jerk * z.u[:, 0] ** 2 + cost.steering_rate * z.u[:, 1] ** 2
         rate = rate + self._closeness(x) + cost.lane * self._offset(x) ** 2
         speeding = np.maximum(x[:, Stage.V] - self.speed_limit[1:], 0.0)
-        rate = rate + self.config.refine.speeding * speeding**2
+        rate = rate + self.config.refine.speeding * speeding**2 + cost.late * self._late(x) ** 2
         end = z.x[-1] - self.seed.states[self.n]
         return float(self.dt * rate.sum() + self.terminal @ end**2)
 
@@ -155,6 +157,9 @@ class Problem:
         cost, x = self.config.cost, z.x[1:]
         rate = cost.jerk * z.u[:, 0] ** 2 + cost.steering_rate * z.u[:, 1] ** 2
         return float(self.dt * (rate + self._closeness(x) + cost.lane * self._offset(x) ** 2).sum())
+
+    def _late(self, x: Array) -> Array:
+        return np.maximum(self.due - x[:, Stage.S], 0.0)
 
     def _closeness(self, x: Array) -> Array:
         cost = self.config.cost
@@ -194,7 +199,8 @@ class Problem:
         x = z.x[1:]
         g[lay.u[:, 0]] = 2 * dt * cost.jerk * z.u[:, 0]
         g[lay.u[:, 1]] = 2 * dt * cost.steering_rate * z.u[:, 1]
-        g[lay.x[1:, Stage.S]] = dt * cost.distance_decay * self._closeness(x)
+        late = 2 * dt * cost.late * self._late(x)
+        g[lay.x[1:, Stage.S]] = dt * cost.distance_decay * self._closeness(x) - late
         offset = 2 * dt * cost.lane * self._offset(x)
         g[lay.x[1:, Stage.D]] = offset
         g[lay.x[1:, Stage.MU]] = offset * CAR.rear_to_centre * np.cos(x[:, Stage.MU])
@@ -215,6 +221,7 @@ class Problem:
         h[lay.u[:, 0]] += 2 * dt * cost.jerk
         h[lay.u[:, 1]] += 2 * dt * cost.steering_rate
         h[lay.x[1:, Stage.S]] += dt * cost.distance_decay**2 * self._closeness(x)
+        h[lay.x[1:, Stage.S]] += 2 * dt * cost.late * (self._late(x) > 0)
         arm = CAR.rear_to_centre * np.cos(x[:, Stage.MU])
         h[lay.x[1:, Stage.D]] += 2 * dt * cost.lane
         h[lay.x[1:, Stage.MU]] += 2 * dt * cost.lane * arm**2

@@ -14,6 +14,8 @@ from mpcplan.road.goal import GoalWindow, goal_windows, last_goal_step
 from mpcplan.road.limits import Limits, build_limits, drivable_area
 from mpcplan.road.reference import build_frame
 from mpcplan.road.route import Route, find_routes
+from mpcplan.trajectory import Array
+from mpcplan.vehicle import FORD_ESCORT as CAR
 
 ACCELERATION = 3.0  # m/s^2, mean acceleration for which the reference is long enough
 REACH_MAX = 400.0  # m
@@ -41,6 +43,26 @@ class Road:
     def last_step(self) -> int:
         """The last time step at which a goal may be reached."""
         return max(goal.last for goal in self.goals)
+
+    def due(self, step: int, count: int, share: float) -> Array:
+        """Arc lengths that the rear axle should have reached, so that the goal's position is not
+        left to the last moment.
+
+        Args:
+            step: present time step.
+            count: number of time steps looked at.
+            share: of the time that remains to a goal's last step, kept in reserve.
+
+        Returns:
+            (count + 1,) arc lengths [m] at the time steps from ``step`` on; -inf where nothing is
+            due, of several goals the nearest.
+        """
+        steps, due = step + np.arange(count + 1), np.full(count + 1, np.inf)
+        for goal in self.goals:
+            low = -np.inf if goal.s is None else goal.s[0] - CAR.rear_to_centre
+            begin = goal.last - share * (goal.last - step)
+            due = np.minimum(due, np.where((steps >= begin) & (share > 0), low, -np.inf))
+        return due
 
 
 def build_roads(

@@ -1,10 +1,12 @@
 """The cost of a trajectory as it is driven: TR1 up to its end, and what it lacks of the goal.
 
     J = dt sum_k  w_J j_k^2 + w_SR w_k^2 + w_D exp(-c (gap_k - r)) + w_LC e_k^2 + w_v over_k^2
+                + w_T late_k^2
 
 with gap_k the distance of the centres to the nearest obstacle ahead whose centre lies within 2.8 m
-laterally at step k, as the evaluator counts it, and e_k the offset of the body's centre from its
-lane. All options of a planning cycle are compared by this one number, wherever they come from.
+laterally at step k, as the evaluator counts it, e_k the offset of the body's centre from its lane,
+over_k what is driven above the speed limit, and late_k what lacks of a position that is due. All
+options of a planning cycle are compared by this one number, wherever they come from.
 """
 
 import numpy as np
@@ -34,7 +36,10 @@ def trajectory_cost(
     over = np.maximum(after[:, Stage.V] - np.maximum(limit, 0.1), 0.0)
     rate = cost.jerk * jerk**2 + cost.steering_rate * steering**2 + cost.lane * offset**2
     rate = rate + cost.distance * np.exp(-cost.distance_decay * (gap - cost.distance_offset))
-    total = dt * float((rate + config.refine.speeding * over**2).sum())
+    due = road.due(first_step, len(after), cost.reserve)[1:]
+    late = np.maximum(due - after[:, Stage.S], 0.0)
+    rate = rate + config.refine.speeding * over**2 + cost.late * late**2
+    total = dt * float(rate.sum())
     if reaches_goal or not len(after):
         return total
     miss = miss_distance(road, centre_s[-1:], centre_d[-1:], after[-1:, Stage.V])

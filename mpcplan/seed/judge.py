@@ -119,10 +119,10 @@ def _new_excess(paths: Paths) -> Array:
 
 
 def candidate_cost(
-    road: Road, paths: Paths, profiles: Profiles, blocked: Blocked, table: Table, dt: float,
-    config: Config,
+    road: Road, paths: Paths, profiles: Profiles, blocked: Blocked, table: Table, step: int,
+    dt: float, config: Config,
 ) -> Array:  # fmt: skip
-    """(p, i) estimate of TR1 with the penalties for a missed goal and for speeding."""
+    """(p, i) estimate of TR1 with the penalties for a missed goal, for speeding and lateness."""
     cost, index, path = config.cost, table.index, np.arange(len(paths.s))[:, None, None]
     v = profiles.v[:, table.ks]
     jerk = np.diff(profiles.a, axis=1, prepend=profiles.a[:, :1]) / dt
@@ -136,6 +136,9 @@ def candidate_cost(
     rate = cost.steering_rate * (paths.delta_slope**2)[:, index] * v**2
     rate = rate + cost.distance * closeness + config.refine.speeding * speeding
     rate = rate + cost.lane * (offset**2)[:, index]
+    due = road.due(step, profiles.v.shape[1] - 1, cost.reserve)[table.ks]
+    if np.isfinite(due).any():
+        rate = rate + cost.late * np.maximum(due - paths.s[:, index], 0.0) ** 2
     total = np.where(table.alive, rate, 0.0) @ table.dt
     total = total + jerked[np.arange(len(v)), table.k_end]
     return total + np.where(table.reached, 0.0, _missed(road, paths, profiles, table, config))

@@ -85,7 +85,7 @@ def lattice(
     blocked = block(window, paths, config.seed, config.cost)
     table = make_table(road, paths, profiles, step, dt)
     violations = violations_of(paths, profiles, blocked, table, config)
-    cost = candidate_cost(road, paths, profiles, blocked, table, dt, config)
+    cost = candidate_cost(road, paths, profiles, blocked, table, step, dt, config)
     slack = _slacks(config)
     accepted = np.all(
         [v <= slack.get(n, 0.0) + TOLERANCE for n, (v, _) in violations.items()], axis=0

@@ -2,7 +2,8 @@
 
 State (sigma, v) along a fixed path, actions a from a small set held for m time steps; minimise
 
-    sum dt (w_D exp(-0.2 gap) + w_SR (delta' v)^2 + w_LC d^2) + w_J (a - a_before)^2 / (m dt)
+    sum dt (w_D exp(-0.2 gap) + w_SR (delta' v)^2 + w_LC d^2 + w_T late^2)
+        + w_J (a - a_before)^2 / (m dt)
 
 subject to v >= 0, the actuator limits and the blocked (time step, sigma) cells. Solved forward by
 dynamic programming over labels: of all labels that share a cell of (sigma, v) the cheapest stays,
@@ -61,6 +62,7 @@ class Tables:
     delta_slope: Array
     kappa: Array
     speed: Array  # (n,) posted and curve limit
+    lateness: Array  # (k, n) cost rate of being short of a position that is due
 
     def at(self, sigma: Array) -> Array:
         """Indices of the samples."""
@@ -77,7 +79,7 @@ def search(
         Accelerations (k,), speeds (k + 1,), cost and whether it ends in a goal window; None where
         every profile is blocked within the first layer.
     """
-    tables = _tables(road, paths, blocked, path, config)
+    tables = _tables(road, paths, blocked, path, step, config)
     fits = [pose_fits(goal, road, paths)[path] for goal in road.goals]
     bounds = _layer_bounds(road, step, blocked.owner.shape[1] - 1, config.seed.search_steps)
     start = Labels(*(np.array([x]) for x in (0.0, max(v, 0.0), a, 0.0, -1)))
@@ -101,8 +103,11 @@ def search(
     return *_play_back(layers, bounds, *best[1:], dt), best[0], True
 
 
-def _tables(road: Road, paths: Paths, blocked: Blocked, path: int, config: Config) -> Tables:
+def _tables(
+    road: Road, paths: Paths, blocked: Blocked, path: int, step: int, config: Config
+) -> Tables:
     cost = config.cost
+    due = road.due(step, blocked.owner.shape[1] - 1, cost.reserve)
     off_road = paths.road_excess[path] - paths.road_excess[path, 0] > config.seed.road_slack
     return Tables(
         paths.spacing,
@@ -112,6 +117,7 @@ def _tables(road: Road, paths: Paths, blocked: Blocked, path: int, config: Confi
         paths.delta_slope[path],
         np.abs(paths.kappa[path]),
         np.interp(paths.s[path], road.frame.s, road.limits.speed),
+        cost.late * np.maximum(due[:, None] - paths.s[path], 0.0) ** 2,
     )
 
 
@@ -144,7 +150,8 @@ def _grow(
         allowed &= np.hypot(a, v**2 * tables.kappa[at]) <= ACTUATOR_SHARE * CAR.a_max
         steering = (tables.delta_slope[at] * v) ** 2
         excess = np.maximum(v - np.maximum(tables.speed[at], 0.1), 0.0) ** 2
-        rate = tables.closeness[k, at] + tables.offset[at] + config.cost.steering_rate * steering
+        rate = tables.closeness[k, at] + tables.offset[at] + tables.lateness[k, at]
+        rate = rate + config.cost.steering_rate * steering
         cost = cost + dt * (rate + config.refine.speeding * excess)
         slow = np.abs(tables.delta_slope[at]) * v - CAR.v_delta_max
         allowed &= slow <= config.seed.steering_slack

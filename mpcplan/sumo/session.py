@@ -157,9 +157,18 @@ class Session:
 
     def vehicles(self) -> Vehicles:
         """Where all vehicles are now."""
-        ids = self.ids()
-        boxes = np.array([self.box(vehicle) for vehicle in ids]).reshape(-1, len(Box))
-        return Vehicles(ids, boxes, tuple(self._body(vehicle)[2] for vehicle in ids))
+        ids, get = self.ids(), libsumo.vehicle
+        bodies = [self._body(vehicle) for vehicle in ids]
+        boxes = np.empty((len(ids), len(Box)))
+        boxes[:, [Box.X, Box.Y]] = [get.getPosition(vehicle) for vehicle in ids] or np.empty((0, 2))
+        boxes[:, Box.PSI] = _headings(np.array([get.getAngle(vehicle) for vehicle in ids]))
+        boxes[:, Box.V] = [get.getSpeed(vehicle) for vehicle in ids]
+        boxes[:, Box.LENGTH] = [length for length, _, _ in bodies]
+        boxes[:, Box.WIDTH] = [width for _, width, _ in bodies]
+        half, psi = boxes[:, Box.LENGTH] / 2, boxes[:, Box.PSI]
+        boxes[:, Box.X] -= half * np.cos(psi)
+        boxes[:, Box.Y] -= half * np.sin(psi)
+        return Vehicles(ids, boxes, tuple(kind for _, _, kind in bodies))
 
     def box(self, vehicle: str) -> tuple[float, ...]:
         """Where one vehicle is now, in file coordinates, in the order of :class:`Box`."""
@@ -208,9 +217,13 @@ class Session:
 
 
 def heading(sumo_angle: float) -> float:
-    """CommonRoad's heading [rad] in (-pi, pi] of SUMO's angle [deg]."""
-    psi = math.radians(90.0 - sumo_angle)
-    return math.atan2(math.sin(psi), math.cos(psi))
+    """CommonRoad's heading [rad] in [-pi, pi] of SUMO's angle [deg]."""
+    return float(_headings(np.array(sumo_angle)))
+
+
+def _headings(angles: Array) -> Array:
+    psi = np.radians(90.0 - angles)
+    return np.arctan2(np.sin(psi), np.cos(psi))
 
 
 def angle(psi: float) -> float:

@@ -42,10 +42,10 @@ def _position(pose: Pose) -> np.ndarray:
     return np.array([short(pose.x), short(pose.y)])
 
 
-def _initial_state(pose: Pose, ego: bool) -> InitialState:
-    """State at step 0; the acceleration is stored for recorded traffic only."""
+def _initial_state(pose: Pose, ego: bool, step: int = 0) -> InitialState:
+    """First state; the acceleration is stored for recorded traffic only."""
     state = InitialState(
-        time_step=0,
+        time_step=step,
         position=_position(pose),
         orientation=short(pose.orientation),
         velocity=short(pose.velocity),
@@ -69,13 +69,14 @@ def _recorded_state(pose: Pose, step: int) -> ExtendedPMState:
 
 def _obstacle(actor: Actor, number: int, last_step: int) -> StaticObstacle | DynamicObstacle:
     shape = Rectangle(*actor.size)
-    poses = [turned_pose(actor.motion.pose(step)) for step in range(last_step + 1)]
-    start = _initial_state(poses[0], ego=False)
+    first = actor.first_step
+    poses = [turned_pose(actor.motion.pose(step)) for step in range(first, last_step + 1)]
+    start = _initial_state(poses[0], ego=False, step=first)
     obstacle_id = OBSTACLE_ID_BASE + number
     if actor.static:
         return StaticObstacle(obstacle_id, actor.kind, shape, start)
-    states = [_recorded_state(pose, step) for step, pose in enumerate(poses[1:], start=1)]
-    prediction = TrajectoryPrediction(Trajectory(1, states), shape)
+    states = [_recorded_state(pose, step) for step, pose in enumerate(poses[1:], start=first + 1)]
+    prediction = TrajectoryPrediction(Trajectory(first + 1, states), shape)
     return DynamicObstacle(obstacle_id, actor.kind, shape, start, prediction)
 
 

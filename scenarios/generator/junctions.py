@@ -86,13 +86,15 @@ def _add_taper(road: RoadMap, path: Path, start: float) -> int:
 
 
 class TJunction(NamedTuple):
-    """T-junction with the routes (lane centres) used by traffic and the exit lanelet west."""
+    """T-junction with routes (lane centres) and the lanelets that lead away west and east."""
 
     road: RoadMap
     south_to_west: Path
+    south_to_east: Path
     west_to_east: Path
     east_to_west: Path
     goal: int
+    east: int
 
 
 def t_junction() -> TJunction:
@@ -123,13 +125,14 @@ def t_junction() -> TJunction:
         road.connect(arms[origin][0], links[origin, target], arms[target][1])
     road.intersections.append(_intersection(arms, links))
     far = half + MAIN_ARM
-    turn = build_path(straight(SIDE_ROAD), left, straight(MAIN_ARM), x=HALF_LANE, heading=QUARTER)
     return TJunction(
         road,
-        turn.placed(SIDE_ROAD, **south),
+        build_path(straight(SIDE_ROAD), left, straight(MAIN_ARM)).placed(SIDE_ROAD, **south),
+        build_path(straight(SIDE_ROAD), right, straight(MAIN_ARM)).placed(SIDE_ROAD, **south),
         build_path(straight(2 * far), x=-far, y=-HALF_LANE),
         build_path(straight(2 * far), x=far, y=HALF_LANE, heading=math.pi),
         arms["west"][1],
+        arms["east"][1],
     )
 
 

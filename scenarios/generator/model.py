@@ -32,12 +32,16 @@ BICYCLE = Size(2.0, 0.7)
 
 @dataclass(frozen=True)
 class Actor:
-    """Other road user with its recorded motion; `static` ones stay at the motion's start."""
+    """Other road user with its recorded motion; `static` ones stay at the motion's start.
+
+    The motion's own time is the scenario's, also for who appears later, at `first_step`.
+    """
 
     motion: Motion
     size: Size = CAR
     kind: ObstacleType = ObstacleType.CAR
     static: bool = False
+    first_step: int = 0
 
 
 class Zone(NamedTuple):
@@ -81,7 +85,12 @@ class Task:
 
 @dataclass(frozen=True)
 class Case:
-    """One scenario with the three sentences of its row in the table."""
+    """One scenario with the three sentences of its row in the table.
+
+    `record_steps` is the last step of the recorded traffic in interactive scenarios, where the
+    record only tells where the others start and turn; None: not interactive, and the record ends a
+    little after the last goal step.
+    """
 
     name: str
     road: RoadMap
@@ -91,12 +100,14 @@ class Case:
     story: str
     goal_text: str
     demand: str
+    record_steps: int | None = None
 
     @property
     def benchmark_id(self) -> str:
         """CommonRoad benchmark id, with the prefix C- for several planning problems."""
         prefix = "C-" if len(self.tasks) > 1 else ""
-        return f"{prefix}ZAM_{self.name}-1_1_T-1"
+        traffic = "T-1" if self.record_steps is None else "I-1-1"
+        return f"{prefix}ZAM_{self.name}-1_1_{traffic}"
 
     @property
     def last_goal_step(self) -> int:
@@ -106,4 +117,6 @@ class Case:
     @property
     def last_step(self) -> int:
         """Last step of the recorded traffic."""
+        if self.record_steps is not None:
+            return self.record_steps
         return self.last_goal_step + PREVIEW_STEPS

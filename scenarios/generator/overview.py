@@ -52,13 +52,53 @@ directions in the table refer to it. Roads without curves are stretched sideways
 """
 
 
+INTERACTIVE_HEAD = """# Interactive scenarios
+
+Small scenarios whose traffic SUMO drives: it reacts to the planned vehicle. Each folder holds
+
+- `*.cr.xml`: CommonRoad 2020a, the map, the problem, and where the others start: every obstacle is
+  put into SUMO where its record begins, at that time step, and then takes the recorded way;
+- `*.net.xml`: the map as a SUMO net;
+- `*.sumo.cfg`, `*.vehicles.rou.xml`: what SUMO's own programs want; there are no routes.
+
+In `ZAM_SideStreet` some appear later: commonroad-io reads and writes that, though CommonRoad's
+schema wants all initial states at step 0.
+
+They are written by a deterministic generator, so every run gives the same bytes (with the versions
+that the extra `twin` asks for):
+
+    pip install '.[twin]'
+    python scenarios/make_interactive.py            # the folders and this table
+    python scenarios/make_interactive.py --picture  # overview.png as well
+
+The scenarios are described in `../generator/interactive_cases.py`; start positions, vehicle, frame
+and picture are those of the [recorded scenarios](../README.md).
+
+![overview](overview.png)
+
+In the picture the dotted line is one way to go if nobody else were there; blue is the recorded
+begin of the others' ways, drawn every 2 s.
+
+"""
+
+
 def readme(cases: list[Case]) -> str:
     """Text of the README with one table row per scenario."""
+    return README_HEAD + _table(cases)
+
+
+def interactive_readme(cases: list[Case]) -> str:
+    """Text of the interactive scenarios' README."""
+    return INTERACTIVE_HEAD + _table(cases)
+
+
+def _table(cases: list[Case]) -> str:
+    """One row per scenario."""
     rows = ["| Name | What happens | Goal | A good planner must |", "|---|---|---|---|"]
     for case in cases:
         demand = case.demand[0].lower() + case.demand[1:].rstrip(".")
         rows.append(f"| `{case.benchmark_id}` | {case.story} | {case.goal_text} | {demand} |")
-    return README_HEAD + "\n".join(rows) + "\n"
+    return "\n".join(rows) + "\n"
 
 
 def outline(pose: Pose, size: Size) -> Polygon:
@@ -92,7 +132,7 @@ def _draw_case(axes: Axes, case: Case) -> None:
     for task in case.tasks:
         _draw_goal(axes, case, task)
     for actor in case.actors:
-        _draw_actor(axes, actor, case.last_goal_step)
+        _draw_actor(axes, actor, min(case.last_goal_step, case.last_step))
     for task in case.tasks:
         _draw_ego(axes, task)
     _set_view(axes, case)
@@ -110,9 +150,10 @@ def _draw_goal(axes: Axes, case: Case, task: Task) -> None:
 
 
 def _draw_actor(axes: Axes, actor: Actor, last_step: int) -> None:
-    steps = [0] if actor.static else range(0, last_step + 1, TRAIL_STRIDE)
+    first = actor.first_step
+    steps = [0] if actor.static else range(first, last_step + 1, TRAIL_STRIDE)
     for step in reversed(steps):
-        fade = 1.0 if step == 0 else 0.25
+        fade = 1.0 if step == first else 0.25
         ring = outline(actor.motion.pose(step), actor.size).exterior.xy
         axes.fill(*ring, facecolor=ACTOR_COLOR, alpha=fade, edgecolor="black", linewidth=0.4)
 
@@ -127,7 +168,7 @@ def _draw_ego(axes: Axes, task: Task) -> None:
 def _view(case: Case) -> tuple[np.ndarray, np.ndarray]:
     """Corners [m] around example motions, goal rectangles and starts of other road users."""
     points = [t.example.pose(k)[:2] for t in case.tasks for k in range(t.goal.last + 1)]
-    points += [actor.motion.pose(0)[:2] for actor in case.actors]
+    points += [actor.motion.pose(actor.first_step)[:2] for actor in case.actors]
     points += [t.goal.zone.path.point(t.goal.zone.s) for t in case.tasks if t.goal.zone]
     return np.min(points, axis=0), np.max(points, axis=0)
 

@@ -47,6 +47,20 @@ def rounded(points: np.ndarray) -> np.ndarray:
     return np.round(points, COORDINATE_DIGITS) + 0.0
 
 
+def _add_sign(
+    network: LaneletNetwork,
+    number: int,
+    element: TrafficSignElement,
+    position: np.ndarray,
+    first: int,
+    lanelets: set[int],
+) -> None:
+    """Put up a sign at `position` [m], seen first from the lanelet `first`, valid on `lanelets`."""
+    place = rounded(turned_points(position))
+    sign = TrafficSign(SIGN_ID_BASE + number, [element], {first}, place)
+    network.add_traffic_sign(sign, lanelets)
+
+
 @dataclass
 class Draft:
     """Lanelet under construction."""
@@ -70,6 +84,7 @@ class RoadMap:
         self.drafts: dict[int, Draft] = {}
         self.ends: list[np.ndarray] = []
         self.limits: list[tuple[float, np.ndarray]] = []
+        self.yields: list[tuple[int, np.ndarray]] = []
         self.intersections: list[Intersection] = []
 
     def add(self, right: np.ndarray, left: np.ndarray) -> int:
@@ -141,6 +156,10 @@ class RoadMap:
         """Speed limit [m/s] for all lanelets, with the sign right of the road at station `s`."""
         self.limits.append((speed, path.point(s, -LANE_WIDTH - SIGN_MARGIN)))
 
+    def give_way(self, lanelet: int, position: np.ndarray) -> None:
+        """Sign at `position` [m] that who comes from `lanelet` has to give way."""
+        self.yields.append((lanelet, position))
+
     def network(self) -> LaneletNetwork:
         """The finished lanelet network in the frame of the file."""
         network = LaneletNetwork()
@@ -148,9 +167,10 @@ class RoadMap:
             network.add_lanelet(self._lanelet(lanelet_id, draft))
         for number, (speed, position) in enumerate(self.limits, start=1):
             element = TrafficSignElement(TrafficSignIDZamunda.MAX_SPEED, [f"{speed:.2f}"])
-            place = rounded(turned_points(position))
-            sign = TrafficSign(SIGN_ID_BASE + number, [element], {min(self.drafts)}, place)
-            network.add_traffic_sign(sign, set(self.drafts))
+            _add_sign(network, number, element, position, min(self.drafts), set(self.drafts))
+        for number, (lanelet, position) in enumerate(self.yields, start=1 + len(self.limits)):
+            element = TrafficSignElement(TrafficSignIDZamunda.YIELD, [])
+            _add_sign(network, number, element, position, lanelet, {lanelet})
         for intersection in self.intersections:
             network.add_intersection(intersection)
         return network
