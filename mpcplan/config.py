@@ -95,7 +95,6 @@ class PredictConfig(Section):
     acceleration_fade: float = par(
         3.0, "s", "time constant by which an observed acceleration becomes the usual one", gt=0
     )
-    braking_fade: float = par(1.0, "s", "the same for braking", gt=0)
     offset_fade: float = par(
         20.0, "s", "time constant by which offsets from the lane's centre fade", gt=0
     )
@@ -113,7 +112,7 @@ class PredictConfig(Section):
         3.0, "s", "length of the prediction of such hypotheses", ge=0, le=20
     )
     spread_along: float = par(
-        0.0, "1", "predicted boxes grow by this part of the way driven at either end", ge=0, le=0.5
+        0.02, "1", "predicted boxes grow by this part of the way driven at either end", ge=0, le=0.5
     )
     leave_out_followers: bool = par(
         True, "", "who follows the ego vehicle in its lane is expected to stay behind it"

@@ -227,7 +227,7 @@ def refused(capfd, *arguments: object) -> str:
 
 
 @pytest.mark.parametrize(
-    ("missing", "word"), zip(PARTS, ("commonroad-sumo", "netconvert"), strict=True)
+    ("missing", "word"), [("commonroad_sumo", "commonroad-sumo"), ("sumo", "netconvert")]
 )
 def test_without_the_converter_the_command_to_install_it_is_named(
     missing, word, capfd, monkeypatch, tmp_path

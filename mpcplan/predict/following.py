@@ -71,13 +71,16 @@ def drive(paths: Paths, movers: Movers, step: float) -> tuple[Array, Array]:
     s[0, :n], v[0, :n] = movers.s, movers.v
     gain, lost = movers.acceleration * step, HARDEST * step
     bt, bb = b * movers.headway, 2 * b
+    parting = bool(np.isfinite(movers.until).any())
     stopping = bool(np.isfinite(movers.stop).any())
     limit = paths.limits(movers.path, movers.profile)
     for k in range(count):
         s_k, v_k = s[k, :n], v[k, :n]
         after = np.minimum(np.minimum(v_k + gain[k], movers.speed), limit(s_k + v_k * step))
         s_l = s[k, movers.leader]
-        room = np.where(s_l > movers.until, FAR, s_l + movers.offset - s_k)
+        room = s_l + movers.offset - s_k
+        if parting:
+            room = np.where(s_l > movers.until, FAR, room)
         square = v[k, movers.leader] ** 2 + bb * room
         after = np.minimum(after, np.sqrt(np.maximum(square + bt * bt, 0.0)) - bt)
         if stopping:

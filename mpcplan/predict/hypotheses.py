@@ -15,7 +15,7 @@ from mpcplan.trajectory import Array
 
 OFFSET = 1.0  # m, standard deviation of the offset from a lane's centre
 TURN = 0.2  # rad, standard deviation of the heading relative to a lane
-DRIFT = 1.0  # s, for which a lateral drift goes on
+DRIFT = 2.0  # s, for which a lateral drift goes on
 LEAST_PLACE = 0.05  # weight below which a place is left out
 LOOK = 4.0  # s, at the present speed, within which ways must differ,
 LOOK_MORE = 10.0  # m, and a little further
@@ -96,10 +96,11 @@ class Leaders:
 
 
 def leaders(
-    found: Hypotheses, places: Places, weight: Array, paths: Paths, vehicles: int
+    found: Hypotheses, places: Places, weight: Array, paths: Paths, first: Array
 ) -> Leaders:
-    """The nearest vehicle ahead on each hypothesis' way."""
-    count, first = len(found.path), found.first(vehicles)
+    """The nearest vehicle ahead on each hypothesis' way; ``first`` (n,) are the rows of the
+    vehicles' most likely hypotheses."""
+    count = len(found.path)
     near = (np.abs(places.d) < IN_LANE) | (weight > 0.5)
     near &= first[places.vehicle] >= 0
     there = places.pick(np.flatnonzero(near))

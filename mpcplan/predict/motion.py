@@ -20,13 +20,11 @@ class Motion:
         acceleration: (n,) [m/s^2].
         yaw_rate: (n,) [rad/s].
         velocity: (n, 2) of the centre [m/s].
-        known: (n,) number of snapshots behind it.
     """
 
     acceleration: Array
     yaw_rate: Array
     velocity: Array
-    known: Array
 
 
 def motion(others: Sequence[Snapshot], count: int, dt: float) -> Motion:
@@ -53,7 +51,7 @@ def motion(others: Sequence[Snapshot], count: int, dt: float) -> Motion:
     spread = (offset**2).sum(axis=0)
     spread = np.where(spread > 0, spread, np.inf)
     slopes = (offset[..., None] * np.nan_to_num(values)).sum(axis=0) / spread[:, None]
-    return Motion(slopes[:, Box.V], slopes[:, Box.PSI], slopes[:, [Box.X, Box.Y]], known)
+    return Motion(slopes[:, Box.V], slopes[:, Box.PSI], slopes[:, [Box.X, Box.Y]])
 
 
 def straight_on(boxes: Array, motion: Motion, steps: int, dt: float) -> Array:

@@ -7,12 +7,12 @@ before it and a straight continuation past its end belong to it.
 
 import heapq
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from mpcplan.predict.kinds import CAR, DECELERATIONS
+from mpcplan.predict.kinds import DECELERATIONS
 from mpcplan.predict.lanes import Lane, Lanes
 from mpcplan.road.reference import drop_repeated
 from mpcplan.trajectory import Array
@@ -23,7 +23,6 @@ AHEAD = 250.0  # m, past the end of the first lane
 BRANCHES = 6  # ways per lane, the most likely ones
 TURN_SCALE = 0.6  # rad, a branch that turns by this much more is less likely by e
 SMALL_TURN = math.radians(15.0)  # turns by less do not slow SUMO's cars
-VISIBILITY = 4.5  # m, before a conflict: who yields could stop until here, in SUMO
 FREE = 0  # profile without any limit
 
 
@@ -60,16 +59,8 @@ class Paths:
         share: (m,) probability of each lane at the fork before it.
     """
 
-    def __init__(
-        self, lanes: Lanes, yielding: Collection[int], lateral_acceleration: float
-    ) -> None:
-        """For the lanes of a map.
-
-        Args:
-            lanes: of the map.
-            yielding: indices of lanes that are entered only after a look.
-            lateral_acceleration: at which turns are driven [m/s^2].
-        """
+    def __init__(self, lanes: Lanes, lateral_acceleration: float) -> None:
+        """For the lanes of a map, in whose turns all drive at a lateral acceleration [m/s^2]."""
         self._lanes = lanes.lanes
         self.paths: list[Path] = []
         self.of_lane: list[range] = []
@@ -90,10 +81,7 @@ class Paths:
         self._base = np.concatenate([[0], np.cumsum(sizes)[:-1]])
         self._last = sizes - 2
         self._points = np.vstack(pieces)
-        speeds = [
-            _lane_speeds(lane, lateral_acceleration, i in yielding)
-            for i, lane in enumerate(self._lanes)
-        ]
+        speeds = [(_turn_speed(lane, lateral_acceleration), lane.limit) for lane in self._lanes]
         caps = [
             self._caps(path, size, speeds) for path, size in zip(self.paths, sizes, strict=True)
         ]
@@ -147,7 +135,7 @@ class Paths:
             points[where] = line[a] + np.abs(s[where, None] - along[a]) * away
         return points
 
-    def _caps(self, path: Path, size: int, speeds: list[tuple[float, float, float]]) -> Array:
+    def _caps(self, path: Path, size: int, speeds: list[tuple[float, float]]) -> Array:
         """(profiles, n) largest speed [m/s] at the samples from which the limits ahead can be met.
 
         Rows: :data:`FREE`, then for each of DECELERATIONS that with the curves' limits and that
@@ -155,12 +143,10 @@ class Paths:
         """
         s = SPACING * np.arange(size) - BEHIND
         lane = np.clip(np.searchsorted(path.starts, s, side="right") - 1, 0, None)
-        curve, posted, entry = np.array([speeds[i] for i in path.lanes]).T
-        first = np.clip(((np.array(path.starts) + BEHIND) / SPACING).astype(int), 0, size - 1)
+        curve, posted = np.array([speeds[i] for i in path.lanes]).T
         rows = [np.full(size, np.inf)]
         for b in DECELERATIONS:
             for limit in (curve[lane], np.minimum(curve, posted)[lane]):
-                limit[first] = np.minimum(limit[first], entry)
                 reach = limit**2 + 2 * b * s
                 met = np.minimum.accumulate(reach[::-1])[::-1] - 2 * b * s
                 rows.append(np.sqrt(np.maximum(met, 0.0)))
@@ -216,26 +202,19 @@ class Paths:
         return at
 
 
-def profiles(deceleration: Array, signs: Array) -> Array:
+def profiles(deceleration: Array, signs: bool) -> Array:
     """(n,) profiles for decelerations [m/s^2], with or without the posted speeds."""
     nearest = np.abs(deceleration[:, None] - np.array(DECELERATIONS)).argmin(axis=1)
     rows: Array = 1 + 2 * nearest + signs
     return rows
 
 
-def _lane_speeds(
-    lane: Lane, lateral_acceleration: float, yielding: bool
-) -> tuple[float, float, float]:
-    """Speeds [m/s] that SUMO's cars keep to on a lane: in its curve, by its sign, at its begin.
+def _turn_speed(lane: Lane, lateral_acceleration: float) -> float:
+    """Speed [m/s] at which SUMO's cars drive through a lane; only turns in intersections slow them.
 
-    Only turns in intersections slow them. The radius is that of SUMO's netconvert: the length
-    over the change of direction beyond 15 degrees.
+    The radius is that of SUMO's netconvert: the length over the turn beyond 15 degrees.
     """
     bend = abs(lane.turn) - SMALL_TURN
-    curve = math.inf
-    if lane.crossing and bend > 0:
-        curve = math.sqrt(lateral_acceleration * lane.length / bend)
-    entry = math.inf
-    if yielding:  # from a speed that lets them stop they accelerate when they see that it is free
-        entry = math.sqrt(2 * (CAR.deceleration + CAR.acceleration) * VISIBILITY)
-    return curve, lane.limit, entry
+    if not lane.crossing or bend <= 0:
+        return math.inf
+    return math.sqrt(lateral_acceleration * lane.length / bend)

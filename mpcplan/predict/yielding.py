@@ -3,11 +3,12 @@
 From a first prediction in which nobody yields follow the times at which everybody enters and leaves
 each conflict (:mod:`mpcplan.predict.right_of_way`). Who has to yield and would be there together
 with another one waits before the conflict until that one has left, and the next one, if it would
-meet that one instead. Who could only stop by braking hard goes on.
+meet that one instead. Who cannot stop any more goes on.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
 
@@ -19,28 +20,27 @@ from mpcplan.trajectory import Array
 ZONE = 3.0  # m, of a lane before and after a meeting that cannot be used together
 LINE = 1.0  # m, kept to a lane's begin, or to the zone, when waiting
 LOOK = 80.0  # m, within which conflicts matter
-FIRM = 0.5  # of the usual deceleration: who needs more to stop goes on
 SPARE = 0.5  # s, between one leaving and the next one entering
 LATE = 100.0  # s, later than any prediction
 
 
 @dataclass(frozen=True, eq=False)
-class Road:
-    """What is known of the vehicles in the first prediction, by hypothesis (h,).
+class Traffic:
+    """The vehicles in the first prediction, by hypothesis (h,).
 
     Attributes:
         found: the hypotheses.
-        main: rows of the vehicles' most likely hypotheses.
+        foes: rows to which others may have to yield.
         s: (k + 1, h) arc lengths of the fronts [m].
         step: between these [s].
         speed: now [m/s].
         length: of the vehicle [m].
-        deceleration: the usual one [m/s^2].
-        acceleration: the usual one [m/s^2].
+        deceleration: that they count on [m/s^2].
+        acceleration: of a free driver [m/s^2].
     """
 
     found: Hypotheses
-    main: Array
+    foes: Array
     s: Array
     step: float
     speed: Array
@@ -48,20 +48,40 @@ class Road:
     deceleration: Array
     acceleration: Array
 
-    def time(self, row: int, at: float) -> float:
-        """When [s] a front comes to an arc length [m]; LATE: not within the prediction."""
-        k = int(np.searchsorted(self.s[:, row], at))
-        return k * self.step if k < len(self.s) else LATE
+    def times(self, rows: Array, at: Array) -> Array:
+        """(n,) when [s] fronts come to arc lengths (n,) [m]; LATE: not within the prediction."""
+        k = (self.s[:, rows] < at).sum(axis=0)
+        return np.where(k < len(self.s), k * self.step, LATE)
 
 
-@dataclass(frozen=True)
-class _Window:
-    """When another one is in a conflict [s], and the conflict's place on the own way [m]."""
+class _Entry(IntEnum):
+    """Columns of the conflicts on a way: where one waits, where it lies [m], the other lane and
+    the arc length there [m], whether who comes first goes first."""
 
-    begin: float
-    end: float
-    at: float
-    rule: Rule
+    LINE = 0
+    AT = 1
+    OTHER = 2
+    THERE = 3
+    FIRST_COME = 4
+
+
+@dataclass(frozen=True, eq=False)
+class _Meetings:
+    """Who meets whom, in the order of ``row`` and ``line`` (all (n,)).
+
+    Attributes:
+        row: hypothesis that has to yield.
+        line: arc length [m] before which it waits.
+        own: times [s] at which it enters and leaves the conflict, (n, 2).
+        foe: times [s] at which the other one does, (n, 2).
+        way: from the line to having left the conflict [m].
+    """
+
+    row: Array
+    line: Array
+    own: Array
+    foe: Array
+    way: Array
 
 
 class Yielding:
@@ -69,91 +89,95 @@ class Yielding:
 
     def __init__(self, paths: Paths, conflicts: Mapping[int, Sequence[Conflict]]) -> None:
         self._paths = paths
-        self._conflicts = {
-            lane: kept
-            for lane, some in conflicts.items()
-            if (kept := [conflict for conflict in some if conflict.rule is not Rule.GO])
-        }
-        self._entries = [
-            [
-                (start, lane)
+        tables = []
+        for path in paths.paths:
+            entries = [
+                _entry(start, conflict)
                 for start, lane in zip(path.starts, path.lanes, strict=True)
-                if lane in self._conflicts
+                for conflict in conflicts.get(lane, ())
+                if conflict.rule is not Rule.GO
             ]
-            for path in paths.paths
-        ]
+            tables.append(np.array(sorted(entries), float).reshape(-1, len(_Entry)))
+        self._count = np.array([len(table) for table in tables])
+        self._begin = np.cumsum(self._count) - self._count
+        self._entries = np.vstack(tables)
 
-    def stops(self, road: Road, rows: Array) -> tuple[Array, Array]:
+    def stops(self, traffic: Traffic, rows: Array) -> tuple[Array, Array]:
         """Arc lengths [m] at which hypotheses wait (infinity: nowhere), and until when [s].
 
         Only the hypotheses ``rows`` are asked to yield.
         """
-        stop = np.full(len(road.found.path), np.inf)
+        stop = np.full(len(traffic.found.path), np.inf)
         release = np.zeros(len(stop))
-        for row in rows:
-            found = self._stop(road, int(row))
-            if found is not None:
-                stop[row], release[row] = found
+        met = self._meetings(traffic, rows)
+        together = (met.foe[:, 0] - SPARE < met.own[:, 1]) & (met.foe[:, 1] + SPARE > met.own[:, 0])
+        for row in np.unique(met.row[together]):
+            lines = met.line[together & (met.row == row)]
+            here = (met.row == row) & (met.line == lines.min())
+            stop[row] = lines.min()
+            release[row] = _wait(met, np.flatnonzero(here), float(traffic.acceleration[row]))
         return stop, release
 
-    def _stop(self, road: Road, row: int) -> tuple[float, float] | None:
-        """Where and until when one hypothesis waits."""
-        front = float(road.found.s[row])
-        braking = float(road.speed[row]) ** 2 / (2 * FIRM * float(road.deceleration[row]))
-        for start, lane in self._entries[road.found.path[row]]:
-            if start > front + LOOK:
-                break
-            windows = sorted(
-                self._windows(road, row, start, lane), key=lambda w: (w.begin, w.end, w.at)
-            )
-            for line in sorted({_line(window, start) for window in windows}):
-                here = [window for window in windows if _line(window, start) == line]
-                if line - front < max(braking, -LINE):
-                    continue
-                until = self._wait(road, row, line, here)
-                if until is not None:
-                    return line, until
-        return None
+    def _meetings(self, traffic: Traffic, rows: Array) -> _Meetings:
+        """All meetings with others for which one may have to wait."""
+        found = traffic.found
+        row, entry = self._ahead(traffic, rows)
+        foes = traffic.foes
+        arcs = self._paths.starts[found.path[foes][:, None], entry[:, _Entry.OTHER].astype(int)]
+        other = found.vehicle[foes][:, None] != found.vehicle[row]
+        j, i = np.nonzero(np.isfinite(arcs) & other)
+        foe, there = foes[j], arcs[j, i] + entry[i, _Entry.THERE]
+        length = traffic.length
+        begin = traffic.times(foe, there - ZONE)
+        end = traffic.times(foe, there + ZONE + length[foe])
+        row, entry = row[i], entry[i]
+        at = entry[:, _Entry.AT]
+        own = traffic.times(row, at - ZONE)
+        matters = (begin < LATE) & (end > 0) & (own < LATE)
+        matters &= (entry[:, _Entry.FIRST_COME] == 0) | (begin < own)
+        kept = np.flatnonzero(matters)
+        row, at, line = row[kept], at[kept], entry[kept, _Entry.LINE]
+        left = at + ZONE + length[row]
+        return _Meetings(
+            row=row,
+            line=line,
+            own=np.column_stack([own[kept], traffic.times(row, left)]),
+            foe=np.column_stack([begin[kept], end[kept]]),
+            way=left - line,
+        )
 
-    def _windows(self, road: Road, row: int, start: float, lane: int) -> Iterator[_Window]:
-        """When others are in the conflicts on a lane of a way."""
-        ways = road.found.path[road.main]
-        for conflict in self._conflicts[lane]:
-            arcs = self._paths.starts[ways, conflict.other]
-            for i in np.flatnonzero(np.isfinite(arcs)):
-                other = int(road.main[i])
-                if road.found.vehicle[other] == road.found.vehicle[row]:
-                    continue
-                there = float(arcs[i]) + conflict.there
-                length = float(road.length[other])
-                if float(road.found.s[other]) - length > there + ZONE:
-                    continue
-                begin = road.time(other, there - ZONE)
-                if begin < LATE:
-                    end = road.time(other, there + ZONE + length)
-                    yield _Window(begin, end, start + conflict.at, conflict.rule)
-
-    def _wait(self, road: Road, row: int, line: float, windows: list[_Window]) -> float | None:
-        """The time [s] until which a hypothesis waits; None: it need not."""
-        length, until = float(road.length[row]), None
-        if road.time(row, line) >= LATE:
-            return None
-        for window in windows:
-            begin = road.time(row, window.at - ZONE)
-            end = road.time(row, window.at + ZONE + length)
-            if window.rule is Rule.FIRST_COME and begin <= window.begin:
-                continue
-            if until is not None:
-                way = window.at + ZONE + length - line
-                begin = until
-                end = until + float(np.sqrt(2 * way / road.acceleration[row]))
-            if window.begin - SPARE < end and window.end + SPARE > begin:
-                until = max(window.end, until or 0.0)
-        return until
+    def _ahead(self, traffic: Traffic, rows: Array) -> tuple[Array, Array]:
+        """Rows and entries (n, 5) of conflicts that hypotheses come to and can still stop for."""
+        path = traffic.found.path[rows]
+        count = self._count[path]
+        row = np.repeat(rows, count)
+        nth = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
+        entry = self._entries[np.repeat(self._begin[path], count) + nth]
+        way = entry[:, _Entry.LINE] - traffic.found.s[row]
+        braking = traffic.speed[row] ** 2 / (2 * traffic.deceleration[row])
+        kept = (way < LOOK) & (way >= np.where(braking > LINE, braking, -LINE))
+        return row[kept], entry[kept]
 
 
-def _line(window: _Window, start: float) -> float:
-    """Where [m] one waits: before the lane, or, where no rule is known, before the conflict."""
-    if window.rule is Rule.YIELD:
-        return start - LINE
-    return window.at - ZONE - LINE
+def _entry(start: float, conflict: Conflict) -> tuple[float, ...]:
+    """A conflict on a lane that begins at an arc length [m]; columns :class:`_Entry`.
+
+    One waits before the lane, or, where no rule is known, before the conflict.
+    """
+    at = start + conflict.at
+    first_come = conflict.rule is Rule.FIRST_COME
+    line = at - ZONE - LINE if first_come else start - LINE
+    return line, at, float(conflict.other), conflict.there, float(first_come)
+
+
+def _wait(met: _Meetings, here: Array, acceleration: float) -> float:
+    """The time [s] until which a hypothesis waits at a line; ``here`` are the meetings after it."""
+    until = 0.0
+    waits = False
+    for i in here[np.argsort(met.foe[here, 0], kind="stable")]:
+        begin, end = met.own[i]
+        if waits:
+            begin, end = until, until + float(np.sqrt(2 * met.way[i] / acceleration))
+        if met.foe[i, 0] - SPARE < end and met.foe[i, 1] + SPARE > begin:
+            until, waits = max(float(met.foe[i, 1]), until), True
+    return until

@@ -1,4 +1,9 @@
-"""What SUMO's cars are told beside SUMO's own rules: to yield (:mod:`mpcplan.sumo.yielding`)."""
+"""What SUMO's cars are told beside SUMO's own rules: to yield (:mod:`mpcplan.sumo.yielding`).
+
+They follow, or stop for, bodies that reach into their lane and that SUMO does not have there. On
+demand they also yield where lanes conflict unknown to SUMO. That is off by default: at junctions of
+equal roads everybody, the ego vehicle included, then ends up waiting for everybody else.
+"""
 
 from collections.abc import Collection, Iterable, Mapping
 
@@ -23,10 +28,10 @@ _HARDER = _CHECKED - 4  # the same without the limit of the deceleration
 class Courtesy:
     """Keeps SUMO's cars from driving through each other and through the ego vehicle."""
 
-    def __init__(self, graph: LaneGraph, dt: float) -> None:
-        """For a net and a time step [s]."""
+    def __init__(self, graph: LaneGraph, dt: float, crossings: bool = False) -> None:
+        """For a net and a time step [s]; ``crossings``: yield at crossings unknown to SUMO too."""
         self._graph = graph
-        self._ways = Ways(graph, conflicts(graph))
+        self._ways = Ways(graph, conflicts(graph) if crossings else {})
         self._yielding = Yielding(dt)
         self._lengths: dict[str, float] = {}
         self._dt = dt

@@ -109,9 +109,11 @@ class LaneGraph:
             self.successors[lane] = tuple(sorted(link[4] or link[0] for link in links))
             waiting += self.successors[lane]
 
-    def near(self, point: Array, psi: float, reach: float, any_way: bool = False) -> list[Place]:
-        """Places within ``reach`` [m] on lanes that lead the way psi within 90 deg (or any way),
-        by lane id."""
+    def near(
+        self, point: Array, psi: float, reach: float, turn_max: float = math.pi / 2
+    ) -> list[Place]:
+        """Places within ``reach`` [m] on lanes that lead the way psi within an angle [rad], by lane
+        id."""
         spot = shapely.Point(point)
         found = []
         for i in sorted(self._tree.query(spot, predicate="dwithin", distance=reach)):
@@ -119,7 +121,7 @@ class LaneGraph:
             offset = float(lane.line.project(spot))
             turn = psi - lane.heading(offset)
             turn = math.atan2(math.sin(turn), math.cos(turn))
-            if any_way or abs(turn) < math.pi / 2:
+            if abs(turn) <= turn_max:
                 found.append(Place(lane.id, offset, float(lane.line.distance(spot)), turn))
         return found
 

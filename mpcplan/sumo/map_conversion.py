@@ -8,9 +8,11 @@ import importlib.util
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 
 from mpcplan.errors import InputError
@@ -70,18 +72,22 @@ def _netconvert() -> Path | None:
 def _run(scenario: Path, net: Path, answer: Path, log: Path, time_limit: float) -> str:
     """Runs the child; how it ended, in words."""
     with log.open("wb") as noise:
+        child = subprocess.Popen(
+            [sys.executable, "-m", _CHILD, str(scenario), str(net), str(answer)],
+            stdin=subprocess.DEVNULL,
+            stdout=noise,
+            stderr=noise,
+            env=_environment(),
+            start_new_session=True,  # a group of its own: netconvert ends with it
+        )
         try:
-            code = subprocess.run(
-                [sys.executable, "-m", _CHILD, str(scenario), str(net), str(answer)],
-                stdin=subprocess.DEVNULL,
-                stdout=noise,
-                stderr=noise,
-                env=_environment(),
-                timeout=time_limit,
-                check=False,
-            ).returncode
+            code = child.wait(time_limit)
         except subprocess.TimeoutExpired:
             return f"did not finish within {time_limit:g} s"
+        finally:
+            with suppress(ProcessLookupError):
+                os.killpg(child.pid, signal.SIGKILL)
+            child.wait()
     return f"ended with code {code}" if code >= 0 else f"crashed (signal {-code})"
 
 

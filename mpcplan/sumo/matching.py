@@ -16,6 +16,7 @@ from mpcplan.trajectory import Array
 
 REACH = 3.0  # m, from a lane's middle, within which a vehicle's front counts as on the lane
 REACH_FAR = 6.0  # m, where nothing is within REACH: it overtakes beside its lane
+TURN_MAX = math.pi / 3  # rad, from a lane; who is turned more drives across it
 _DISTANCE = 0.5  # m, typical distance from the middle
 _TURN = 0.2  # rad, typical angle to the lane
 _WAY = 1.0  # m, typical difference of ways
@@ -40,7 +41,9 @@ def match(
     """
 
     def near(i: int) -> dict[Place, float]:
-        places = graph.near(fronts[i], psi[i], REACH) or graph.near(fronts[i], psi[i], REACH_FAR)
+        places: list[Place] = []
+        for reach in (REACH, REACH_FAR):
+            places = places or graph.near(fronts[i], psi[i], reach, TURN_MAX)
         return {p: _fit(p) + _OFF_ROUTE * bool(route and p.lane not in route) for p in places}
 
     layers = [near(0)]

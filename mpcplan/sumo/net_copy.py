@@ -5,10 +5,13 @@ keep the length that they had before they were cut: SUMO squeezes the motion, an
 seen to stand for two seconds at a lane of 10 cm that counts 18 m. Lanes that were cut away whole
 come out turned round, and lanes in junctions leap or lead backwards. Both are mended: every lane is
 as long as it is drawn, and where lanes do not follow each other they are drawn anew along the
-lanelets that they were made of (an edge has the id of its lanelet, or of one beside it).
+lanelets that they were made of (an edge has the id of its lanelet, or of one beside it). And since
+SUMO knows no lateral acceleration, short lanes get a speed limit for their sharpest curve, as
+netconvert gives it to those in junctions.
 """
 
 import itertools
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from xml.etree import ElementTree
@@ -19,19 +22,23 @@ import shapely
 from commonroad.scenario.lanelet import LaneletNetwork
 
 from mpcplan import scenario_xml
-from mpcplan.sumo.polyline import between, joined, leap, length, parse, text
+from mpcplan.sumo.polyline import between, joined, leap, length, parse, sharpest_turn, text
 from mpcplan.trajectory import Array
 
 _SHORTEST = 0.1  # m, the shortest lane that SUMO takes
 _OFF = 0.3  # m, by which a lane may be off its lanelet, and the next lane off its end
 _TURN = 1.0  # rad, by which the next lane may turn at once
 _STUB = 1.0  # m, lanes of this length may be drawn anew
+_LATERAL = 5.5  # m/s^2, netconvert's limit-turn-speed
+_CURVE = 5.0  # m, length over which curves are measured
+_LONG = 50.0  # m, of lanes that are slow because of a curve
 _ROUNDS = 5
 _MIDDLE = (0.45, 0.55)  # parts of a lanelet between which a lane is drawn that was cut away
 
 
 def write_mended(net: Path, lanelets: LaneletNetwork, origin: Array, to: Path) -> tuple[str, ...]:
-    """Writes a net in which every lane is as long as it is drawn, and lanes follow each other.
+    """Writes a net in file coordinates in which every lane is as long as it is drawn, and lanes
+    follow each other.
 
     Args:
         net: the original.
@@ -46,15 +53,39 @@ def write_mended(net: Path, lanelets: LaneletNetwork, origin: Array, to: Path) -
         InputError: the net is no well-formed XML or declares a document type.
     """
     root = scenario_xml.safe_root(net)
+    offset = _take_offset(root)
     lanes = {lane.get("id", ""): lane for lane in root.iter("lane")}
-    shapes = {name: parse(lane.get("shape", "")) for name, lane in lanes.items()}
+    shapes = {name: parse(lane.get("shape", "")) - offset for name, lane in lanes.items()}
     drawn = _draw(root, shapes, _centres(root, lanelets, origin))
-    for name, shape in drawn.items():
-        lanes[name].set("shape", text(shape))
     for name, shape in (shapes | drawn).items():
+        if name in drawn or np.any(offset):
+            lanes[name].set("shape", text(shape))
         lanes[name].set("length", f"{max(length(shape), _SHORTEST):.6f}")
+        limit = _curve_speed(shape)
+        if limit < float(lanes[name].get("speed", "inf")):
+            lanes[name].set("speed", f"{limit:.2f}")
     ElementTree.ElementTree(root).write(to, encoding="utf-8", xml_declaration=True)
     return tuple(sorted(drawn))
+
+
+def _take_offset(root: Element) -> Array:
+    """(2,) the net's offset from file coordinates [m], which the net then says is zero."""
+    location = root.find("location")
+    if location is None:
+        return np.zeros(2)
+    offset = parse(location.get("netOffset", "0,0"))[0]
+    location.set("netOffset", "0.00,0.00")
+    return offset
+
+
+def _curve_speed(shape: Array) -> float:
+    """The speed [m/s] at which the lane's sharpest curve takes the lateral acceleration that
+    netconvert allows in junctions; without limit where the lane is long, since most of it is
+    straighter."""
+    if not _CURVE <= length(shape) <= _LONG:
+        return math.inf
+    radius = _CURVE / max(sharpest_turn(shape, _CURVE), 1e-9)
+    return math.sqrt(_LATERAL * radius)
 
 
 def _centres(root: Element, lanelets: LaneletNetwork, origin: Array) -> dict[str, Array]:

@@ -3,6 +3,8 @@
 SUMO's cars see it where it reaches into their way; beside the lanes they need not.
 """
 
+import math
+
 import libsumo
 import numpy as np
 
@@ -14,6 +16,7 @@ from mpcplan.sumo.session import Session
 from mpcplan.sumo.trips import fronts
 from mpcplan.trajectory import Array
 
+ANY_WAY = math.pi  # rad
 CORRIDOR = 1.0  # m, from a lane's middle: who does not reach into it is in nobody's way
 
 
@@ -79,5 +82,5 @@ class Played:
 def _lane_blocked(graph: LaneGraph, box: Array) -> str:
     """The lane in whose corridor an obstacle stands, whatever way it faces; '': no one's."""
     reach = CORRIDOR + float(box[Box.WIDTH]) / 2
-    places = graph.near(fronts(box[None])[0], float(box[Box.PSI]), reach, any_way=True)
+    places = graph.near(fronts(box[None])[0], float(box[Box.PSI]), reach, ANY_WAY)
     return min(places, key=lambda p: (p.distance, p.lane)).lane if places else ""

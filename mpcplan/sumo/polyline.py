@@ -53,6 +53,17 @@ def leap(one: Array, other: Array) -> tuple[float, float]:
     return gap, abs(math.remainder(turn, 2 * math.pi))
 
 
+def sharpest_turn(points: Array, span: float) -> float:
+    """The largest angle [rad] between the directions at a distance [m] along a polyline."""
+    along = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    marks = np.arange(0.0, along[-1], span / 4)
+    spots = np.column_stack([np.interp(marks, along, points[:, k]) for k in (0, 1)])
+    steps = np.diff(spots, axis=0)
+    headings = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0]))
+    turns = np.abs(headings[4:] - headings[:-4])
+    return float(turns.max(initial=0.0))
+
+
 def _heading(piece: Array) -> float:
     dx, dy = piece[-1] - piece[0]
     return math.atan2(dy, dx)

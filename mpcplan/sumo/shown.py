@@ -11,7 +11,7 @@ import math
 from mpcplan.observation import Box
 from mpcplan.trajectory import Array
 
-LEAP = 0.3  # m, by which a front may be off where its speed leads it
+LEAP = 0.3  # m, by which a front may move farther than its speed takes it
 TWIST = 0.15  # rad, by which a body may turn in a step
 OVER = 0.15  # part of the way ahead by which a body may move over
 OVER_TIME = 2.0  # s, time constant of moving over
@@ -24,6 +24,7 @@ class Shown:
     def __init__(self) -> None:
         self._off_x = self._off_y = self._turn = 0.0
         self._last = (0.0, 0.0, 0.0)
+        self._new = True  # at the first step SUMO turns from where it was put to its own heading
 
     def begin(self, off: Array, psi: float, front: Array, sumo_psi: float) -> None:
         """Starts with the front (2,) [m] and the heading [rad] of SUMO's vehicle, and the body's
@@ -51,14 +52,13 @@ class Shown:
         last_x, last_y, last_psi = self._last
         self._last = x, y, psi
         turned = math.remainder(psi - last_psi, 2 * math.pi)
-        ahead = last_psi + turned / 2
-        leap_x = x - last_x - way * math.cos(ahead)
-        leap_y = y - last_y - way * math.sin(ahead)
-        if math.hypot(leap_x, leap_y) > LEAP:
-            self._off_x -= leap_x
-            self._off_y -= leap_y
-        if abs(turned) > TWIST:
-            self._turn = math.remainder(self._turn - turned, 2 * math.pi)
+        moved = math.hypot(x - last_x, y - last_y)
+        if moved > way + LEAP:
+            self._off_x -= (x - last_x) * (1 - way / moved)
+            self._off_y -= (y - last_y) * (1 - way / moved)
+        explained = 0.0 if self._new else math.copysign(min(abs(turned), TWIST), turned)
+        self._turn = math.remainder(self._turn - (turned - explained), 2 * math.pi)
+        self._new = False
 
     def _decay(self, v: float, dt: float) -> None:
         """Moves the body nearer to SUMO's vehicle, sideways no faster than vehicles can."""

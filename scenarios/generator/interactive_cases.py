@@ -69,7 +69,7 @@ def dense_merge() -> Case:
     return Case(
         "DenseMerge",
         layout.road,
-        [Task(example, Goal(109, 110, lanelets=(layout.goal,)))],
+        [Task(example, Goal(119, 120, lanelets=(layout.goal,)))],
         [
             *cars(layout.main, 18.0, 172.0, 144.0, 116.0),
             truck(layout.main, 18.0, 80.0),
@@ -78,7 +78,7 @@ def dense_merge() -> Case:
         (Tag.HIGHWAY, Tag.MERGING_LANES, Tag.SLIP_ROAD),
         "On-ramp with an acceleration lane of 90 m plus taper; on the main lane five cars and a "
         "truck with 18 m/s, about 1.3 s apart.",
-        "main lanelet beyond the end of the ramp, steps 109 to 110",
+        "main lanelet beyond the end of the ramp, steps 119 to 120",
         "Choose a gap, match its speed and merge; those behind make room.",
         record_steps=20,
     )
@@ -184,7 +184,7 @@ def side_street() -> Case:
     return Case(
         "SideStreet",
         layout.road,
-        [Task(example, Goal(99, 100, lanelets=(layout.east,)))],
+        [Task(example, Goal(119, 120, lanelets=(layout.east,)))],
         [
             *cars(layout.west_to_east, 10.0, 116.0),
             Actor(Motion(layout.west_to_east, 80.0, 10.0), LORRY, ObstacleType.TRUCK),
@@ -197,7 +197,7 @@ def side_street() -> Case:
         (Tag.URBAN, Tag.INTERSECTION, Tag.TURN_RIGHT),
         "Right turn from a side street; a car and a truck come from the left, two more appear "
         "there after 1 s and 3 s, one car follows.",
-        "lanelet of the eastern arm, steps 99 to 100",
+        "lanelet of the eastern arm, steps 119 to 120",
         "Wait for the truck, turn into a gap and speed up before the next one comes close.",
         record_steps=60,
     )

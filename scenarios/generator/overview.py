@@ -36,7 +36,7 @@ The start positions are vehicle centres; the vehicle is CommonRoad vehicle type 
 (4.298 m x 1.674 m). Traffic is recorded for 3 s beyond the last goal step. The generator keeps one
 simple example motion per planning problem; the tests use it to show that each scenario is
 solvable. The scenarios are described in `generator/straight_cases.py` and
-`generator/curved_cases.py`.
+`generator/curved_cases.py`. Scenarios whose traffic reacts are in [`interactive`](interactive).
 
 All maps are turned by {MAP_TURN} rad about the origin, so that no straight road is parallel to an
 axis: the official cost evaluator takes an obstacle whose orientation is exactly 0 for an
