@@ -5,12 +5,13 @@ import math
 
 import numpy as np
 import pytest
+from commonroad.scenario.intersection import Intersection, IntersectionIncomingElement
 from hypothesis import given
 from hypothesis import strategies as st
 from made_lanes import (
+    ASIDE,
     CAR,
     DT,
-    ASIDE,
     WIDTH,
     arc,
     crossing,
@@ -26,7 +27,7 @@ from made_lanes import (
 
 from mpcplan.config import PredictConfig
 from mpcplan.observation import Box, Forecast, Observation, Snapshot, box_corners
-from mpcplan.predict.following import FAR, Movers, drive, kept_headway
+from mpcplan.predict.following import Movers, drive, kept_headway
 from mpcplan.predict.hypotheses import hypotheses, place_weights
 from mpcplan.predict.kinds import CAR as CAR_KIND
 from mpcplan.predict.lane_follow import LaneFollow
@@ -119,13 +120,14 @@ def test_signs_ahead_are_met_by_braking_in_time():
     )
     x, v = column(predicted(roads, seen(moving(0, 0, 0, 15))), 0, Box.X, Box.V).T
     assert (v[x + CAR[0] / 2 > 61] <= 5.05).all() and v[-1] == pytest.approx(5.0, abs=0.05)
-    assert np.diff(v).min() / DT > -CAR_KIND.deceleration * 1.3
+    braking = (v[6:] - v[:-6]) / (6 * DT)
+    assert braking.min() > -CAR_KIND.deceleration * 1.1
     assert v[x < 20].min() > 14.0  # not sooner than needed
 
 
 def test_signs_do_not_count_where_somebody_drives_faster():
     roads = network(lane(1, line((-100, 0), (600, 0))), limits={1: 8.0})
-    v = column(predicted(roads, seen(moving(0, 0, 0, 6), moving(100, 0, 0, 14))), 0, Box.V)
+    v = column(predicted(roads, seen(moving(0, 0, 0, 6), moving(60, 0, 0, 14))), 0, Box.V)
     assert v[-1] > 12
 
 
@@ -149,14 +151,16 @@ def test_turns_in_intersections_are_driven_at_their_speed():
 def test_a_bend_is_followed_within_the_lane(side):
     radius = 30.0
     roads = network(lane(1, arc((0, 0), 0.0, radius, side * 2.5)))
-    observation = seen(moving(3, side * 3**2 / 2 / radius, side * 0.1, 8), kinds=["bicycle"])
+    # both bumpers on the circle: the centre lies inside of it
+    inside = radius - math.sqrt(radius**2 - (CAR[0] / 2) ** 2)
+    near = radius - inside
+    x, y = near * math.sin(0.1), side * (radius - near * math.cos(0.1))
+    observation = seen(moving(x, y, side * 0.1, 8), kinds=["bicycle"])
     boxes = predicted(roads, observation).boxes[0, :71]
     corners = box_corners(boxes) - np.array([0.0, side * radius])
     assert np.abs(np.hypot(corners[..., 0], corners[..., 1]) - radius).max() < WIDTH / 2
     centre = boxes[:, :2] - np.array([0.0, side * radius])
-    # both bumpers on the circle: the centre lies inside of it
-    inside = radius - math.sqrt(radius**2 - (CAR[0] / 2) ** 2)
-    assert radius - np.hypot(*centre.T) == pytest.approx(np.full(71, inside), abs=0.06)
+    assert radius - np.hypot(*centre.T) == pytest.approx(np.full(71, inside), abs=0.03)
     tangent = np.arctan2(centre[:, 1], centre[:, 0]) + side * math.pi / 2
     turned = np.cos(boxes[:, Box.PSI] - tangent)
     assert turned.min() > 0.999
@@ -213,7 +217,9 @@ def gaps(forecast: Forecast, follower: int, leader: int) -> np.ndarray:
     return x[leader] - x[follower] - CAR[0]
 
 
-@pytest.mark.parametrize(("gap", "v", "v_leader"), [(15, 15, 2), (40, 25, 0), (8, 10, 6), (1, 4, 4)])
+@pytest.mark.parametrize(
+    ("gap", "v", "v_leader"), [(15, 15, 2), (40, 25, 0), (8, 10, 6), (1, 4, 4)]
+)
 def test_nobody_runs_into_a_slow_leader(gap, v, v_leader):
     others = moving(0, 0, 0, v), moving(gap + CAR[0], 0, 0, v_leader)
     forecast = predicted(straight_road(), seen(*others, kinds=["car", "bicycle"]))
@@ -223,7 +229,9 @@ def test_nobody_runs_into_a_slow_leader(gap, v, v_leader):
 def test_the_ego_vehicle_is_followed_like_any_other():
     """Kept as a leader of constant speed, whatever becomes of its followers in the forecast."""
     ego = np.array([30 - REAR_TO_CENTRE, 0, 0, 6, 0])
-    behind = predicted(straight_road(), seen(moving(0, 0, 0, 14), ego=ego), leave_out_followers=False)
+    behind = predicted(
+        straight_road(), seen(moving(0, 0, 0, 14), ego=ego), leave_out_followers=False
+    )
     x = column(behind, 0, Box.X)
     assert (30 + 6 * DT * np.arange(81) - x - (CAR[0] + 4.298) / 2).min() > 0
     assert column(behind, 0, Box.V)[-1] == pytest.approx(6.0, abs=0.5)
@@ -286,7 +294,25 @@ def test_a_leader_that_turns_off_leads_no_more():
     assert v[-1] > 10 and v[-1] >= alone[-1] - 3.0
 
 
-# -- who is behind the ego vehicle ------------------------------------------------------------------
+def test_a_ring_is_driven_once():
+    """Four quarters of a circle, each followed by the next: who is ahead is near."""
+    quarters = []
+    for k in range(4):
+        angle = k * math.pi / 2
+        begin = [20 * math.cos(angle), 20 * math.sin(angle)]
+        points = arc(begin, angle + math.pi / 2, 20.0, math.pi / 2)
+        quarters.append(lane(k + 1, points, ((k + 1) % 4 + 1,), ((k - 1) % 4 + 1,)))
+    roads = network(*quarters)
+    paths = Paths(Lanes(roads), 5.5).paths
+    assert [path.lanes for path in paths] == [(k, *(j % 4 for j in range(k + 1, k + 4)))
+                                             for k in range(4)]  # fmt: skip
+    ahead = moving(20 * math.cos(0.6), 20 * math.sin(0.6), 0.6 + math.pi / 2, 0)
+    boxes = predicted(roads, seen(moving(20, 0.5, math.pi / 2, 8), ahead)).boxes
+    assert boxes[0, -1, Box.V] < 0.1
+    assert np.hypot(*(boxes[0, -1, :2] - boxes[1, -1, :2])) > CAR[0]
+
+
+# -- who is behind the ego vehicle ---------------------------------------------------------------
 
 
 EGO = np.array([50.0, 0, 0, 10.0, 0])
@@ -344,19 +370,19 @@ def test_weights_sum_to_one(x, y, psi, v):
 
 
 def test_the_straighter_way_is_the_likelier_one():
-    forecast = predicted(fork(turn=0.9), seen(moving(-15, 0, 0, 8)))
+    forecast = predicted(fork(turn=0.5), seen(moving(-15, 0, 0, 8)))
     assert forecast.ids == (1, 1)
     assert forecast.boxes[0, -1, Box.Y] == pytest.approx(0.0, abs=1e-6)
-    assert forecast.boxes[1, 30, Box.Y] > 3.0
+    assert forecast.boxes[1, 30, Box.Y] > 1.0
 
 
 def test_other_branches_end_sooner_and_only_where_they_matter():
     observation = seen(moving(-15, 0, 0, 8))
-    forecast = predicted(fork(turn=0.9), observation, alternative_horizon=2.5)
+    forecast = predicted(fork(turn=0.5), observation, alternative_horizon=2.5)
     other = forecast.boxes[1, :, Box.X]
     assert np.isfinite(other[:26]).all() and np.isnan(other[26:]).all()
-    assert predicted(fork(turn=0.9), observation, alternative=0.5).ids == (1,)
-    assert predicted(fork(turn=0.9), seen(moving(-90, 0, 0, 8))).ids == (1,)
+    assert predicted(fork(turn=0.5), observation, alternative=0.5).ids == (1,)
+    assert predicted(fork(turn=0.5), seen(moving(-90, 0, 0, 8))).ids == (1,)
 
 
 def test_once_in_a_branch_the_other_one_is_out():
@@ -366,7 +392,7 @@ def test_once_in_a_branch_the_other_one_is_out():
     assert forecast.ids == (1,) and forecast.boxes[0, -1, Box.Y] > 20
 
 
-# -- right of way ---------------------------------------------------------------------------------
+# -- right of way --------------------------------------------------------------------------------
 
 
 def rules(roads) -> dict[tuple[int, int], Rule]:
@@ -391,16 +417,13 @@ def test_without_an_intersection_who_comes_first_goes_first():
 
 
 def test_the_right_goes_first_among_equals():
-    """Three roads at right angles: the two that oppose each other are the main road, so that of
-    four the others are equal to them only where no pair is better; here two cross alone."""
+    """Two one-way roads cross: both are the main road, and neither comes from ahead."""
     roads = network(
         lane(1, line((-100, 0), (-8, 0)), after=(11,)),
         lane(11, line((-8, 0), (8, 0)), before=(1,)),
         lane(2, line((0, -100), (0, -8)), after=(12,)),
         lane(12, line((0, -8), (0, 8)), before=(2,)),
     )
-    from commonroad.scenario.intersection import Intersection, IntersectionIncomingElement
-
     roads.add_intersection(Intersection(50, [
         IntersectionIncomingElement(51, {1}, set(), {11}, set()),
         IntersectionIncomingElement(52, {2}, set(), {12}, set()),
@@ -451,7 +474,7 @@ def test_where_no_rule_is_known_the_later_one_waits():
     assert forecast.boxes[0, -1, Box.X] <= free.boxes[0, -1, Box.X]
 
 
-# -- off the lanes, few, many, new ------------------------------------------------------------------
+# -- off the lanes, few, many, new ---------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -474,14 +497,14 @@ def test_off_the_lanes_acceleration_fades():
 @pytest.mark.parametrize("kind", ["pedestrian", "parkedVehicle"])
 def test_who_is_no_driver_follows_no_lane(kind):
     forecast = predicted(straight_road(), seen(moving(0, 1.0, 0.9, 1.2), kinds=[kind]))
-    assert np.ptp(forecast.boxes[0, :, Box.PSI]) == 0 and forecast.boxes[0, -1, Box.Y] > 8
+    assert np.ptp(forecast.boxes[0, :, Box.PSI]) < 1e-9 and forecast.boxes[0, -1, Box.Y] > 8
 
 
 def test_the_far_away_go_straight_on():
     roads = fork()
     ego = np.array([-200.0, 0, 0, 5, 0])
     forecast = predicted(roads, seen(moving(-10, 0, 0.1, 8), ego=ego), reach=100.0)
-    assert np.ptp(forecast.boxes[0, :, Box.PSI]) == 0 and forecast.ids == (1,)
+    assert np.ptp(forecast.boxes[0, :, Box.PSI]) < 1e-9 and forecast.ids == (1,)
 
 
 def test_nobody_is_predicted_where_nobody_is():
@@ -492,7 +515,9 @@ def test_nobody_is_predicted_where_nobody_is():
 
 def test_a_newcomer_is_predicted_from_one_box():
     before = seen(moving(50, 0, 0, 10)).others
-    now = Snapshot(41, (1, 7), np.array([[51.0, 0, 0, 10, *CAR], [0, 0, 0, 12, *CAR]]), ("car",) * 2)
+    now = Snapshot(
+        41, (1, 7), np.array([[51.0, 0, 0, 10, *CAR], [0, 0, 0, 12, *CAR]]), ("car",) * 2
+    )
     forecast = predicted(straight_road(), Observation(41, ASIDE, 0.0, (*before, now)))
     assert forecast.ids == (1, 7)
     v = forecast.boxes[1, :, Box.V]
@@ -512,7 +537,7 @@ def test_kinds_may_be_unknown():
     assert np.array_equal(predicted(straight_road(), observation).boxes, as_car.boxes)
 
 
-# -- what it may know -------------------------------------------------------------------------------
+# -- what it may know ----------------------------------------------------------------------------
 
 
 def busy() -> Observation:
@@ -563,8 +588,3 @@ def test_where_the_map_lies_does_not_matter():
     moved = one.boxes.copy()
     moved[..., :2] += shift
     assert other.boxes == pytest.approx(moved, abs=1e-6, nan_ok=True)
-
-
-def test_none_is_no_leader():
-    """The sentinel leader is further away than anything on a map."""
-    assert FAR > 1e5

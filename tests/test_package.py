@@ -64,7 +64,7 @@ def _commands(path: Path) -> list[list[str]]:
 
 
 def test_versions_agree():
-    newest = re.search(r"^## \[([^]]+)\]", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
+    newest = re.search(r"^## \[(\d[^]]*)\]", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)
     assert newest is not None
     assert version("mpcplan") == mpcplan.__version__ == newest.group(1)
 
@@ -119,7 +119,7 @@ def test_commands_in_documents_are_understood(path):
         config = getattr(args, "config", None)
         assert config is None or (ROOT / config).is_file()
         scenario = getattr(args, "scenario", None)
-        assert scenario is None or scenario.name.isupper() or (ROOT / scenario).is_file()
+        assert scenario is None or scenario.name.isupper() or (ROOT / scenario).exists()
 
 
 def test_all_commands_are_in_the_readme():

@@ -2,6 +2,7 @@
 
 import inspect
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import made
@@ -13,13 +14,16 @@ from commonroad.scenario.obstacle import ObstacleType, StaticObstacle
 from reference_ocp import DT, Track, forecast_of, frame_of, occupancy_of, straight
 
 from mpcplan.config import PredictConfig
+from mpcplan.errors import InputError
 from mpcplan.observation import Box, Forecast, Observation, Snapshot
 from mpcplan.predict.constant_input import ConstantInput
+from mpcplan.predict.lane_follow import LaneFollow
 from mpcplan.predict.occupancy import occupancy
 from mpcplan.predict.predictor import make_predictor
 from mpcplan.predict.recorded import Recorded, record, static_ids
 from mpcplan.scenario import load
 from mpcplan.simulate.recorded import RecordedTraffic
+from mpcplan.task import Task, task_of
 
 FOLDER = Path(__file__).resolve().parents[1] / "scenarios"
 PATHS = sorted(FOLDER.glob("*.xml"))
@@ -73,7 +77,7 @@ def test_the_record_is_the_file(path):
 
 def test_the_recorded_predictor_answers_the_record_at_every_step():
     scenario = load(FOLDER / "ZAM_CutIn-1_1_T-1.xml").scenario
-    predictor, traffic = Recorded(scenario), RecordedTraffic(scenario)
+    predictor, traffic = Recorded(record(scenario)), RecordedTraffic(scenario)
     for step in (0, 30):
         forecast = predictor(observed(traffic.at(step)))
         boxes = forecast.at(np.arange(step, step + 10))
@@ -223,18 +227,42 @@ def test_constant_input_never_sees_the_scenario():
     assert list(inspect.signature(ConstantInput.__init__).parameters) == ["self", "config", "dt"]
 
 
-def test_constant_input_depends_on_the_observation_only():
+def tasks() -> tuple[Task, Task]:
+    """A recorded scenario, and the same with traffic that nobody knows."""
     loaded = load(FOLDER / "ZAM_CutIn-1_1_T-1.xml")
-    config = PredictConfig(kind="constant_input")
+    known = task_of(loaded, loaded.problems[0])
+    return known, replace(known, recorded=None)
+
+
+def test_the_predictor_suits_the_traffic():
+    known, unknown = tasks()
+    assert isinstance(make_predictor(known, PredictConfig()), Recorded)
+    assert isinstance(make_predictor(unknown, PredictConfig()), LaneFollow)
+    for task in (known, unknown):
+        for kind, made_by in (("constant_input", ConstantInput), ("lane_follow", LaneFollow)):
+            assert isinstance(make_predictor(task, PredictConfig(kind=kind)), made_by)
+
+
+def test_a_record_of_traffic_that_reacts_does_not_exist():
+    _, unknown = tasks()
+    with pytest.raises(InputError, match=r"predict\.kind is 'recorded'.*choose 'auto'"):
+        make_predictor(unknown, PredictConfig(kind="recorded"))
+
+
+@pytest.mark.parametrize("kind", ["constant_input", "lane_follow"])
+def test_guesses_depend_on_the_observation_only(kind):
+    """The recorded trajectories may say what they like."""
+    loaded = load(FOLDER / "ZAM_CutIn-1_1_T-1.xml")
+    config = PredictConfig(kind=kind)
     traffic = RecordedTraffic(loaded.scenario)
     seen = observed(*(traffic.at(step) for step in range(10, 16)))
-    before = make_predictor(loaded.scenario, config)(seen)
+    before = make_predictor(task_of(loaded, loaded.problems[0]), config)(seen)
     for obstacle in loaded.scenario.dynamic_obstacles:
         for state in obstacle.prediction.trajectory.state_list:
             state.position = state.position + [500.0, -300.0]
-    after = make_predictor(loaded.scenario, config)(seen)
+    after = make_predictor(task_of(loaded, loaded.problems[0]), config)(seen)
     assert before.ids == after.ids
-    assert np.array_equal(before.boxes, after.boxes)
+    assert np.array_equal(before.boxes, after.boxes, equal_nan=True)
 
 
 def test_an_observation_holds_nothing_after_its_step():

@@ -23,7 +23,8 @@ AHEAD = 250.0  # m, past the end of the first lane
 BRANCHES = 6  # ways per lane, the most likely ones
 TURN_SCALE = 0.6  # rad, a branch that turns by this much more is less likely by e
 SMALL_TURN = math.radians(15.0)  # turns by less do not slow SUMO's cars
-FREE = 0  # profile without any limit
+FREE = 0  # profile without any limit:
+FAST = 200.0  # m/s, faster than any vehicle
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +69,7 @@ class Paths:
             found = self._branches(i)
             self.of_lane.append(range(len(self.paths), len(self.paths) + len(found)))
             self.paths += found
-        self.starts = np.full((len(self.paths), len(self._lanes)), np.nan)
+        self.starts = np.full((len(self.paths), len(self._lanes)), np.nan, np.float32)
         for p, path in enumerate(self.paths):
             self.starts[p, path.lanes] = path.starts
         self.share = np.zeros(len(self._lanes))
@@ -96,7 +97,8 @@ class Paths:
         found: list[Path] = []
         while heap and len(found) < BRANCHES:
             minus, lanes, starts, end = heapq.heappop(heap)
-            shares = self.shares(lanes[-1])
+            # nobody is predicted to drive round in circles
+            shares = [(i, share) for i, share in self.shares(lanes[-1]) if i not in lanes]
             if end >= length + AHEAD or not shares:
                 found.append(Path(lanes, starts, -minus))
                 continue
@@ -144,12 +146,12 @@ class Paths:
         s = SPACING * np.arange(size) - BEHIND
         lane = np.clip(np.searchsorted(path.starts, s, side="right") - 1, 0, None)
         curve, posted = np.array([speeds[i] for i in path.lanes]).T
-        rows = [np.full(size, np.inf)]
+        rows = [np.full(size, FAST)]
         for b in DECELERATIONS:
             for limit in (curve[lane], np.minimum(curve, posted)[lane]):
                 reach = limit**2 + 2 * b * s
                 met = np.minimum.accumulate(reach[::-1])[::-1] - 2 * b * s
-                rows.append(np.sqrt(np.maximum(met, 0.0)))
+                rows.append(np.sqrt(np.clip(met, 0.0, FAST**2)))
         return np.array(rows, np.float32)
 
     def branches(self, lane: int, s: float, reach: float) -> list[tuple[int, float]]:
@@ -191,13 +193,18 @@ class Paths:
         return (1 - share) * self._points[at] + share * self._points[at + 1]
 
     def limits(self, path: Array, profile: Array) -> Callable[[Array], Array]:
-        """What gives the speeds [m/s] by profiles (n,) at arc lengths (n,) [m] of ways (n,)."""
+        """What gives the speeds [m/s] by profiles (n,) at arc lengths (n,) >= 0 [m] of ways (n,).
+
+        This is the inner loop of the prediction.
+        """
         begin = profile * self._width + self._base[path]
         last = self._last[path]
 
         def at(s: Array) -> Array:
-            i = ((s + BEHIND) * (1 / SPACING)).astype(int)
-            return self._caps_flat[begin + np.minimum(np.maximum(i, 0), last)]
+            u = np.minimum((s + BEHIND) * (1 / SPACING), last)
+            i = u.astype(int)
+            cap = self._caps_flat[begin + i]
+            return cap + (u - i) * (self._caps_flat[begin + i + 1] - cap)
 
         return at
 

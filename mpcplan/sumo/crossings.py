@@ -94,5 +94,7 @@ def _meetings(
         turn = graph.lanes[one].heading(float(offsets[middle])) - graph.lanes[other].heading(at)
         turn = abs(math.remainder(turn, 2 * math.pi))
         begin, end = float(offsets[first]), float(offsets[stop - 1])
-        meetings.append((begin, end, float(along.min()), float(along.max()), turn))
+        aside = WIDTH * abs(math.sin(turn))  # the other's points that are as near as these
+        from_, until = max(along.min() - aside, 0.0), min(along.max() + aside, beside.length)
+        meetings.append((begin, end, float(from_), float(until), turn))
     return meetings

@@ -63,8 +63,8 @@ class InsertedTraffic:
         assert folder is not None
         graph = LaneGraph()
         self._courtesy = Courtesy(graph, loaded.dt)
-        found = records(loaded, self._first)
-        self._others = Participants(found, graph, hints(folder.routes), loaded.dt)
+        found, routes = records(loaded, self._first), hints(folder.routes)
+        self._others = Participants(found, graph, routes, self._first, loaded.dt)
         goals = _goal_lanes(graph, problem, loaded.origin)
         self._ego_now = self._ego_box(problem.start)
         self._ego = EgoVehicle(self._session, graph, self._ego_now, goals)

@@ -12,7 +12,6 @@ import signal
 import subprocess
 import sys
 import tempfile
-from contextlib import suppress
 from pathlib import Path
 
 from mpcplan.errors import InputError
@@ -82,12 +81,12 @@ def _run(scenario: Path, net: Path, answer: Path, log: Path, time_limit: float) 
         )
         try:
             code = child.wait(time_limit)
-        except subprocess.TimeoutExpired:
-            return f"did not finish within {time_limit:g} s"
-        finally:
-            with suppress(ProcessLookupError):
-                os.killpg(child.pid, signal.SIGKILL)
+        except BaseException as error:  # the time limit, or the user's interrupt
+            os.killpg(child.pid, signal.SIGKILL)
             child.wait()
+            if not isinstance(error, subprocess.TimeoutExpired):
+                raise
+            return f"did not finish within {time_limit:g} s"
     return f"ended with code {code}" if code >= 0 else f"crashed (signal {-code})"
 
 

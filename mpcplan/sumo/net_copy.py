@@ -12,6 +12,7 @@ netconvert gives it to those in junctions.
 
 import itertools
 import math
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from xml.etree import ElementTree
@@ -22,9 +23,16 @@ import shapely
 from commonroad.scenario.lanelet import LaneletNetwork
 
 from mpcplan import scenario_xml
+from mpcplan.errors import InputError
 from mpcplan.sumo.polyline import between, joined, leap, length, parse, sharpest_turn, text
 from mpcplan.trajectory import Array
 
+_NUMBERS = {"x", "y", "shape", "speed", "length", "width", "index", "fromLane", "toLane"} | {
+    "priority",
+    "numLanes",
+    "netOffset",
+}
+_NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 _SHORTEST = 0.1  # m, the shortest lane that SUMO takes
 _OFF = 0.3  # m, by which a lane may be off its lanelet, and the next lane off its end
 _TURN = 1.0  # rad, by which the next lane may turn at once
@@ -50,9 +58,11 @@ def write_mended(net: Path, lanelets: LaneletNetwork, origin: Array, to: Path) -
         the ids of the lanes that were drawn anew.
 
     Raises:
-        InputError: the net is no well-formed XML or declares a document type.
+        InputError: the net is no well-formed XML, declares a document type, or a number in it is
+            none.
     """
     root = scenario_xml.safe_root(net)
+    _check_numbers(root, net)
     offset = _take_offset(root)
     lanes = {lane.get("id", ""): lane for lane in root.iter("lane")}
     shapes = {name: parse(lane.get("shape", "")) - offset for name, lane in lanes.items()}
@@ -66,6 +76,18 @@ def write_mended(net: Path, lanelets: LaneletNetwork, origin: Array, to: Path) -
             lanes[name].set("speed", f"{limit:.2f}")
     ElementTree.ElementTree(root).write(to, encoding="utf-8", xml_declaration=True)
     return tuple(sorted(drawn))
+
+
+def _check_numbers(root: Element, net: Path) -> None:
+    """Raises InputError where a number is none: SUMO would take the whole process down with it."""
+    for element in root.iter():
+        for name in sorted(_NUMBERS.intersection(element.keys())):
+            for word in element.get(name, "").replace(",", " ").split() or [""]:
+                if not _NUMBER.fullmatch(word):
+                    raise InputError(
+                        f"{net}: {element.tag} {element.get('id', '')}: the attribute {name} is no "
+                        f"number: {word!r}"
+                    )
 
 
 def _take_offset(root: Element) -> Array:

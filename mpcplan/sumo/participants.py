@@ -30,6 +30,7 @@ class Participants:
         found: list[Record],
         graph: LaneGraph,
         routes: Mapping[str, tuple[str, ...]],
+        first_step: int,
         dt: float,
     ) -> None:
         """Sorts the recorded obstacles.
@@ -38,12 +39,13 @@ class Participants:
             found: what is recorded of each, by id.
             graph: SUMO's net.
             routes: edges of the routes in the folder's files, by SUMO's id.
+            first_step: time step at which the traffic begins.
             dt: time step [s].
         """
         self._graph, self._dt = graph, dt
         self._driven: list[Driven] = []
         self._played: list[Played] = []
-        self._step = self._first = min((known.first_step for known in found), default=0)
+        self._step = self._first = first_step
         end = max((known.last_step for known in found if not known.stands), default=0)
         for known in found:
             way = None
@@ -61,8 +63,9 @@ class Participants:
         return [driven for driven in self._driven if driven.name in ids]
 
     def bodies(self, step: int) -> list[tuple[Array, str]]:
-        """(6,) boxes of who is played back at a time step, and the lane on which SUMO has them."""
-        boxes = [(played.box(step), played.lane) for played in self._played]
+        """(6,) boxes of where who is played back is at a time step and soon will be, and the lane
+        on which SUMO has them."""
+        boxes = [(played.reach(step), played.lane) for played in self._played]
         return [(box, lane) for box, lane in boxes if box is not None]
 
     def place(self, session: Session, step: int) -> None:

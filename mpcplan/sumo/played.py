@@ -17,6 +17,7 @@ from mpcplan.sumo.trips import fronts
 from mpcplan.trajectory import Array
 
 ANY_WAY = math.pi  # rad
+HEEDED = 2.0  # s, for which drivers expect it to go on as it does
 CORRIDOR = 1.0  # m, from a lane's middle: who does not reach into it is in nobody's way
 
 
@@ -47,6 +48,18 @@ class Played:
         way = last[Box.V] * self._dt * beyond
         last[[Box.X, Box.Y]] += way * np.array([np.cos(last[Box.PSI]), np.sin(last[Box.PSI])])
         return last
+
+    def reach(self, step: int) -> Array | None:
+        """(6,) box of where it is at a time step and soon will be if it goes on, for drivers to
+        heed; None where it is not there."""
+        box = self.box(step)
+        if box is None:
+            return None
+        reach, way = box.copy(), float(box[Box.V]) * HEEDED
+        reach[Box.X] += way / 2 * math.cos(box[Box.PSI])
+        reach[Box.Y] += way / 2 * math.sin(box[Box.PSI])
+        reach[Box.LENGTH] += way
+        return reach
 
     def place(self, session: Session, graph: LaneGraph, step: int) -> None:
         """Puts it where it is to be after the next step, or takes it off the road."""

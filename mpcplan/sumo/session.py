@@ -14,13 +14,15 @@ takes the whole process down where XML is broken.
 import math
 import os
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 
 import libsumo
 import numpy as np
 
-from mpcplan.console import quiet
 from mpcplan.errors import TrafficError
 from mpcplan.observation import Box
 from mpcplan.trajectory import Array
@@ -233,22 +235,30 @@ def angle(psi: float) -> float:
 
 def _start(options: Options) -> None:
     """Starts SUMO quietly; what it says is kept for the error."""
-    with tempfile.TemporaryDirectory(prefix="mpcplan-") as folder:
-        log = Path(folder, "sumo.log")
+    with tempfile.TemporaryFile() as said:
         try:
-            with quiet():
-                libsumo.start(["sumo", *_command_line(options), "--error-log", str(log)])
+            with _overhear(said):
+                libsumo.start(["sumo", *_command_line(options)])
         except (libsumo.TraCIException, libsumo.FatalTraCIError) as error:
-            raise TrafficError(
-                f"{options.net}: SUMO does not start: {_said(log, error)}"
-            ) from error
+            said.seek(0)
+            lines = said.read().decode(errors="replace").splitlines()
+            reason = " ".join(line for line in lines if line.startswith("Error")) or str(error)
+            raise TrafficError(f"{options.net}: SUMO does not start: {reason}") from error
 
 
-def _said(log: Path, error: Exception) -> str:
-    """SUMO's own words for why it did not start."""
-    lines = log.read_text(errors="replace").split(os.linesep) if log.is_file() else []
-    wrong = [line for line in lines if line.startswith("Error")]
-    return " ".join(wrong) or str(error)
+@contextmanager
+def _overhear(file: IO[bytes]) -> Iterator[None]:
+    """Writes to a file what is written below Python to stdout and stderr: SUMO's messages come
+    before any log file of its own is open."""
+    kept = [os.dup(fd) for fd in (1, 2)]
+    try:
+        for fd in (1, 2):
+            os.dup2(file.fileno(), fd)
+        yield
+    finally:
+        for fd, copy in zip((1, 2), kept, strict=True):
+            os.dup2(copy, fd)
+            os.close(copy)
 
 
 def _command_line(options: Options) -> list[str]:
