@@ -285,13 +285,19 @@ def test_who_stops_at_a_line_goes_on_when_released():
 
 
 def test_a_leader_that_turns_off_leads_no_more():
-    """Behind a slow car that turns at a fork, the straight way is free once it is gone."""
-    roads = fork()
+    """Behind a bicycle that turns at a fork, the straight way is free once it is gone."""
     bend = arc((0, 0), 0.0, 15.0, 1.2)
-    turning = moving(bend[18, 0], bend[18, 1], 1.2 * 18 / 30, 3)
-    v = column(predicted(roads, seen(moving(-30, 0, 0, 10), turning)), 0, Box.V)
-    alone = column(predicted(roads, seen(moving(-30, 0, 0, 10))), 0, Box.V)
-    assert v[-1] > 10 and v[-1] >= alone[-1] - 3.0
+    turning = moving(bend[8, 0], bend[8, 1], 1.2 * 8 / 30, 3)
+    observation = seen(moving(-20, 0, 0, 10), turning, kinds=["car", "bicycle"])
+    forecast = predicted(fork(), observation)
+    v = column(forecast, 0, Box.V)
+    assert v.min() < 8 and v[-1] > 11
+    assert forecast.boxes[1, -1, Box.Y] > 20 and abs(forecast.boxes[0, -1, Box.Y]) < 0.1
+
+
+def test_nobody_brakes_harder_than_brakes_can():
+    v = column(predicted(straight_road(), seen(moving(0, 0, 0, 25), moving(12, 0, 0, 0))), 0, Box.V)
+    assert np.diff(v).min() / DT == pytest.approx(-9.0, abs=1e-6)
 
 
 def test_a_ring_is_driven_once():
@@ -337,6 +343,19 @@ def test_who_cannot_stay_behind_is_not_left_out():
     assert left_out(forecast) == [False]
 
 
+def test_between_lanes_the_ego_vehicle_has_no_followers():
+    """It may still go to either: both sides have to be looked at."""
+    others = [moving(25, 0, 0, 10), moving(30, WIDTH, 0, 10)]
+    between = np.array([50.0, WIDTH / 2, 0, 10, 0])
+    assert left_out(predicted(two_lanes(), seen(*others, ego=between))) == [False, False]
+
+
+def test_who_is_left_out_has_no_other_hypotheses():
+    observation = seen(moving(-15, 0, 0, 8), ego=np.array([-5.0, 0, 0, 8, 0]))
+    forecast = predicted(fork(turn=0.5), observation)
+    assert forecast.ids == (1,) and left_out(forecast) == [True]
+
+
 def test_who_is_beside_or_merges_is_not_left_out():
     side = predicted(two_lanes(), seen(moving(30, WIDTH, 0, 10), ego=EGO))
     assert left_out(side) == [False]
@@ -367,6 +386,23 @@ def test_weights_sum_to_one(x, y, psi, v):
     assert (np.diff(found.weight) <= 1e-12).all()
     for ways in paths.of_lane:
         assert sum(paths.paths[p].weight for p in ways) == pytest.approx(1.0)
+
+
+def test_a_place_counts_on_the_lane_that_follows():
+    """Within half a metre of the fork both branches hold a car, and the lane before no more."""
+    lanes = Lanes(fork())
+    for x in (-0.3, 0.3):
+        places = lanes.match(np.array([[x, 0.0]]), np.zeros(1))
+        assert [lanes.lanes[i].id for i in places.lane] == [2, 3]
+    assert [lanes.lanes[i].id for i in lanes.match(np.array([[-9.0, 0]]), np.zeros(1)).lane] == [1]
+
+
+def test_where_branches_begin_their_probabilities_decide():
+    lanes = Lanes(fork(turn=0.9))
+    paths = Paths(lanes, 5.5)
+    places = lanes.match(np.array([[0.0, 0.0]]), np.zeros(1))
+    weight = place_weights(places, np.zeros((1, 2)), paths, 1)
+    assert weight[0] / weight[1] == pytest.approx(math.exp(0.9 / 0.6), rel=0.1)
 
 
 def test_the_straighter_way_is_the_likelier_one():
@@ -466,12 +502,15 @@ def test_who_cannot_stop_any_more_goes_on():
 
 def test_where_no_rule_is_known_the_later_one_waits():
     roads = crossing(known=False)
-    later = moving(-60, 0, 0, 10)
+    later = moving(-46, 0, 0, 10)
     forecast = predicted(roads, seen(later, SOUTH), alternative=1.0)
     alone = predicted(roads, seen(SOUTH), alternative=1.0)
     assert forecast.boxes[1] == pytest.approx(alone.boxes[0])
-    free = predicted(roads, seen(later), alternative=1.0)
-    assert forecast.boxes[0, -1, Box.X] <= free.boxes[0, -1, Box.X]
+    free = predicted(roads, seen(later), alternative=1.0).boxes[0, :, Box.X]
+    x, y = forecast.boxes[0, :, Box.X], forecast.boxes[1, :, Box.Y]
+    there = np.abs(y) < 4
+    assert (np.abs(free[there]) < 6).any() and (x[there] < -3 - CAR[0] / 2).all()
+    assert x[-1] > 0
 
 
 # -- off the lanes, few, many, new ---------------------------------------------------------------
@@ -492,6 +531,17 @@ def test_off_the_lanes_acceleration_fades():
     v = predicted(straight_road(), seen(moving(0, 40, 0.7, 6, -2.0))).boxes[0, :, Box.V]
     t = DT * np.arange(81)
     assert v == pytest.approx(6 - 2 * (1 - np.exp(-t)), abs=1e-6)
+
+
+def test_off_the_lanes_yaw_rates_fade():
+    """w t of the past goes on as w (1 - exp(-t)); who stands does not turn at all."""
+    w, t = 0.3, DT * np.arange(81)
+    for v, turned in ((6.0, w * (1 - np.exp(-t))), (0.0, 0.0 * t)):
+        other = seen(lambda s, v=v: [0, 40, 1 + w * s, v, *CAR])
+        boxes = predicted(straight_road(), other).boxes[0]
+        assert boxes[:, Box.PSI] == pytest.approx(1 + turned, abs=1e-9)
+        heading = (boxes[1:, Box.PSI] + boxes[:-1, Box.PSI]) / 2
+        assert np.diff(boxes[:, Box.X]) == pytest.approx(v * DT * np.cos(heading), abs=1e-3)
 
 
 @pytest.mark.parametrize("kind", ["pedestrian", "parkedVehicle"])

@@ -171,13 +171,16 @@ class Paths:
         return found
 
     def parting(self, leader: int, follower: int, lane: int) -> float:
-        """Arc length [m] on a leader's way at which it leaves a follower's after a shared lane;
-        infinity where it does not."""
-        if leader == follower:
-            return math.inf
+        """Arc length [m] on a leader's way at which it leaves a follower's; infinity: never.
+
+        ``lane`` is a lane of the follower's way on which the leader is at present, at least in
+        part. Where it is not on the leader's own way, both part at the latter's begin, or meet
+        again.
+        """
         one, other = self.paths[leader], self.paths[follower]
-        if lane not in one.lanes or lane not in other.lanes:
-            return math.inf
+        if leader == follower or lane not in one.lanes:
+            again = leader == follower or not {*one.lanes}.isdisjoint(other.lanes)
+            return math.inf if again else 0.0
         i, j = one.lanes.index(lane), other.lanes.index(lane)
         for own, theirs, start in zip(one.lanes[i:], other.lanes[j:], one.starts[i:], strict=False):
             if own != theirs:

@@ -30,7 +30,7 @@ class Lane:
         edge: SUMO's id of its edge.
         index: from the right, 0 the rightmost.
         line: the middle.
-        allowed: SUMO's vehicle classes that may drive here.
+        allowed: SUMO's vehicle classes that may drive here; empty: all.
     """
 
     id: str

@@ -62,7 +62,8 @@ def onward(
 
 def allows(graph: LaneGraph, lane: str, vehicle_class: str) -> bool:
     """Whether a vehicle class may drive on a lane."""
-    return vehicle_class == ANY or vehicle_class in graph.lanes[lane].allowed
+    allowed = graph.lanes[lane].allowed
+    return vehicle_class == ANY or not allowed or vehicle_class in allowed
 
 
 def towards(graph: LaneGraph, start: str, ends: Collection[str]) -> tuple[str, ...]:
