@@ -169,6 +169,8 @@ import sys
 from pathlib import Path
 sys.path.insert(0, {tests!r})
 import fake_worker
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job ignores it
 from mpcplan.bench import bench
 bench([{folder!r}], {out!r}, 2, command=fake_worker.command(Path({notes!r})))
 """

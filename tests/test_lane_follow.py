@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 from commonroad.scenario.intersection import Intersection, IntersectionIncomingElement
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_lanes import (
     ASIDE,
@@ -259,6 +259,7 @@ def test_the_equilibrium_gap_is_that_of_krauss(v):
     assert s[-1, 1] - 4.5 - s[-1, 0] == pytest.approx(v * 1.0 + 1.0, rel=0.02)
 
 
+@settings(deadline=None)
 @given(
     gap=st.floats(1.1, 80), v=st.floats(0, 35), v_leader=st.floats(0, 35), b=st.floats(2.0, 7.5)
 )  # fmt: skip
@@ -371,6 +372,7 @@ def test_who_is_beside_or_merges_is_not_left_out():
 # -- branches -----------------------------------------------------------------------------------
 
 
+@settings(deadline=None)
 @given(
     x=st.floats(-150, 12), y=st.floats(-1.5, 1.5), psi=st.floats(-0.4, 0.4), v=st.floats(0, 30)
 )  # fmt: skip

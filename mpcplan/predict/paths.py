@@ -23,6 +23,7 @@ AHEAD = 250.0  # m, past the end of the first lane
 BRANCHES = 6  # ways per lane, the most likely ones
 TURN_SCALE = 0.6  # rad, a branch that turns by this much more is less likely by e
 SMALL_TURN = math.radians(15.0)  # turns by less do not slow SUMO's cars
+APART = 8.0  # m, after a fork: its branches do not overlap any more
 FREE = 0  # profile without any limit:
 FAST = 200.0  # m/s, faster than any vehicle
 
@@ -174,13 +175,12 @@ class Paths:
         """Arc length [m] on a leader's way at which it leaves a follower's; infinity: never.
 
         ``lane`` is a lane of the follower's way on which the leader is at present, at least in
-        part. Where it is not on the leader's own way, both part at the latter's begin, or meet
-        again.
+        part. Where it is not on the leader's own way, both part soon, or they meet again.
         """
         one, other = self.paths[leader], self.paths[follower]
         if leader == follower or lane not in one.lanes:
             again = leader == follower or not {*one.lanes}.isdisjoint(other.lanes)
-            return math.inf if again else 0.0
+            return math.inf if again else APART
         i, j = one.lanes.index(lane), other.lanes.index(lane)
         for own, theirs, start in zip(one.lanes[i:], other.lanes[j:], one.starts[i:], strict=False):
             if own != theirs:
