@@ -11,6 +11,7 @@ from pathlib import Path
 
 import fake_worker
 import pytest
+from dask_cluster import running_cluster
 
 from mpcplan.bench import bench
 from mpcplan.bench.attempt import Attempt, Outcome, run_attempt, ship
@@ -187,11 +188,9 @@ def test_dask_that_does_not_answer_is_named(monkeypatch, address, capfd):
 
 
 @pytest.fixture(scope="module")
-def cluster():
-    distributed = pytest.importorskip("distributed", reason="the extra dask is not installed")
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
-    ) as made:
+def cluster(tmp_path_factory):
+    pytest.importorskip("distributed", reason="the extra dask is not installed")
+    with running_cluster(tmp_path_factory.mktemp("cluster"), 2) as made:
         yield made
 
 
@@ -200,7 +199,7 @@ def test_dask_gives_what_local_processes_give(cluster, tmp_path):
     names = ("ZAM_FreeRoad-1_1_T-1", "ZAM_TimeOnly-1_1_T-1")
     paths = [BUNDLED / f"{name}.xml" for name in names]
     bench(paths, tmp_path / "here", 2)
-    engine = open_engine("dask", cluster.scheduler_address)
+    engine = open_engine("dask", cluster.address)
     assert engine.slots == 2
     _, rows = bench(paths, tmp_path / "there", engine=engine)
     assert [row["status"] for row in rows] == ["solved", "solved"]
@@ -218,7 +217,7 @@ def test_limits_and_failures_on_dask(cluster, tmp_path, notes):
     folder.mkdir()
     for name in names:
         _scenario(folder, f"ZAM_{name}-1")
-    engine = open_engine("dask", cluster.scheduler_address)
+    engine = open_engine("dask", cluster.address)
     command = fake_worker.command(notes)
     _, rows = bench([folder], tmp_path / "out", timeout_s=3, memory_mb=2000, engine=engine,
                     command=command)  # fmt: skip
@@ -234,7 +233,7 @@ def test_stopping_ends_the_processes_on_the_cluster(cluster, tmp_path, notes):
     attempts = iter(
         [_attempt(_scenario(tmp_path, f"ZAM_hang-{i}"), fake_worker.command(notes)) for i in "123"]
     )
-    engine = open_engine("dask", cluster.scheduler_address)
+    engine = open_engine("dask", cluster.address)
     outcomes = list(
         run_all(engine, lambda: next(attempts, None), lambda: len(fake_worker.started(notes)) == 2)
     )
@@ -246,7 +245,7 @@ def test_stopping_ends_the_processes_on_the_cluster(cluster, tmp_path, notes):
 @pytest.mark.slow
 def test_a_cluster_worker_that_dies_costs_nothing(cluster, tmp_path, notes):
     scenario = _scenario(tmp_path, "ZAM_later-1")  # hangs at first, is solved the second time
-    engine = open_engine("dask", cluster.scheduler_address)
+    engine = open_engine("dask", cluster.address)
     rows: list[dict] = []
     run = threading.Thread(
         target=lambda: rows.extend(
@@ -268,16 +267,14 @@ def test_a_cluster_worker_that_dies_costs_nothing(cluster, tmp_path, notes):
 
 @pytest.mark.slow
 def test_a_cluster_that_goes_away_is_an_error(tmp_path, notes):
-    distributed = pytest.importorskip("distributed", reason="the extra dask is not installed")
-    made = distributed.LocalCluster(
-        n_workers=1, threads_per_worker=1, processes=True, dashboard_address=":0"
-    )
-    engine = open_engine("dask", made.scheduler_address)
-    attempts = iter([_attempt(_scenario(tmp_path, "ZAM_hang-1"), fake_worker.command(notes))])
-    threading.Timer(2.0, made.close).start()
-    start = time.monotonic()
-    with pytest.raises(MpcplanError, match=r"Dask cluster at tcp.* failed"):
-        list(run_all(engine, lambda: next(attempts, None)))
-    engine.close()
+    pytest.importorskip("distributed", reason="the extra dask is not installed")
+    with running_cluster(tmp_path, 1) as made:
+        engine = open_engine("dask", made.address)
+        attempts = iter([_attempt(_scenario(tmp_path, "ZAM_hang-1"), fake_worker.command(notes))])
+        threading.Timer(2.0, made.end).start()
+        start = time.monotonic()
+        with pytest.raises(MpcplanError, match=r"Dask cluster at tcp.* failed"):
+            list(run_all(engine, lambda: next(attempts, None)))
+        engine.close()
     assert time.monotonic() - start < 60
     fake_worker.until(lambda: not any(map(fake_worker.alive, fake_worker.pids(notes))))

@@ -312,7 +312,7 @@ def test_bodies_move_over_to_where_sumo_has_them():
     before = np.array([2.25 - 2.25 * math.cos(0.2), 1.5 - 2.25 * math.sin(0.2), 0.2])
     for _ in range(100):
         x += 0.8
-        seen = shown.step(np.array([x, 0.0, 0.0, 8.0, 4.5, 1.8]), DT)
+        seen = np.array(shown.step([x, 0.0, 0.0, 8.0, 4.5, 1.8], DT))
         step = seen[:3] - before
         assert abs(step[0] - 0.8) < 0.05 and -0.2 < step[1] < 0.05 and -0.05 < step[2] <= 0
         before = seen[:3]
@@ -322,8 +322,8 @@ def test_bodies_move_over_to_where_sumo_has_them():
 def test_leaps_are_not_seen():
     shown = Shown()
     shown.begin(np.zeros(2), 0.0, np.array([2.25, 0.0]), 0.0)
-    shown.step(np.array([0.5, 0, 0, 5.0, 4.5, 1.8]), DT)
-    seen = shown.step(np.array([1.0, 3.0, 0.6, 5.0, 4.5, 1.8]), DT)
+    shown.step([0.5, 0, 0, 5.0, 4.5, 1.8], DT)
+    seen = np.array(shown.step([1.0, 3.0, 0.6, 5.0, 4.5, 1.8], DT))
     assert np.hypot(*(seen[:2] - [0.5, 0])) < 0.5 + 2 * LEAP
     assert abs(seen[Box.PSI]) < TWIST + (0.6 - TWIST) * DT / TURNING
 

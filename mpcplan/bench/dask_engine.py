@@ -6,6 +6,7 @@ process, with its limits, on the machine that it is given to.
 """
 
 import logging
+import socket
 import uuid
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
@@ -138,8 +139,22 @@ def _connect(address: str) -> Any:
         ) from error
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # our messages say it
     try:
+        _knock(address)
         return Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         raise InputError(
             f"no Dask scheduler answers at {address}: {' '.join(str(error).split())[:200]}"
         ) from error
+
+
+def _knock(address: str) -> None:
+    """Raises OSError or ValueError where nobody listens at an address with host and port.
+
+    A client that finds nobody leaves its threads behind in this process; so ask before.
+    """
+    from distributed.comm.addressing import parse_address, parse_host_port
+
+    protocol, location = parse_address(address)
+    if protocol in ("tcp", "tls"):
+        host, port = parse_host_port(location)
+        socket.create_connection((host, port), CONNECT_S).close()

@@ -10,13 +10,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mpcplan.errors import MpcplanError
-from mpcplan.score.referee import check, evaluate
+from mpcplan.score.referee import evaluate, evaluate_with_late
 from mpcplan.score.verdict import Verdict
-from mpcplan.simulate.replay import replay
+from mpcplan.simulate.replay import Replay, replay
 from mpcplan.simulate.run import Run
 from mpcplan.simulate.simulated_scenario import write_simulated
 
-LATE = 1  # time steps by which the organisers' replay is late
+LAG = 1  # time steps by which the organisers' replay is late
 
 
 @dataclass(frozen=True)
@@ -56,26 +56,32 @@ def judge_run(run: Run, folder: Path, timeout_s: float = 180.0) -> Judgement:
         run.loaded, run.drives[0].others, folder / f"{run.loaded.id}.simulated.cr.xml",
         "the traffic as simulated with the solution",
     )  # fmt: skip
-    verdict = evaluate(simulated, solution, timeout_s)
-    if not verdict.valid:
-        return Judgement(verdict, None, (solution, simulated))
-    late_path = folder / f"{run.loaded.id}.late.cr.xml"
-    late = judge_late(run, solution, late_path, timeout_s)
-    files = (solution, simulated, *([late_path] if late_path.exists() else []))
-    return Judgement(verdict, late, files)
-
-
-def judge_late(run: Run, solution: Path, path: Path, timeout_s: float) -> Late:
-    """Replays a run one step late, writes that traffic to ``path`` and judges it."""
-    drive, problem = run.drives[0], run.loaded.problems[0]
+    files = (solution, simulated)
+    if not run.solved:
+        return Judgement(evaluate(simulated, solution, timeout_s), None, files)
     try:
-        late = replay(run.loaded, problem, drive.trajectory, LATE)
+        late = replay(run.loaded, run.loaded.problems[0], run.drives[0].trajectory, LAG)
     except MpcplanError as error:
-        return Late(False, f"the replay failed: {error}")
-    note = f"the traffic as simulated with the ego {LATE} time step late"
-    write_simulated(run.loaded, late.others, path, note)
-    ok, reason = check("no_collision", path, solution, timeout_s)
-    if ok and late.hit is not None:
+        verdict = evaluate(simulated, solution, timeout_s)
+        return _judgement(verdict, Late(False, f"the replay failed: {error}"), files)
+    path = write_simulated(
+        run.loaded, late.others, folder / f"{run.loaded.id}.late.cr.xml",
+        f"the traffic as simulated with the ego {LAG} time step late",
+    )  # fmt: skip
+    verdict, free, reason = evaluate_with_late(simulated, path, solution, timeout_s)
+    return _judgement(verdict, _late(late, free, reason), (*files, path))
+
+
+def _late(late: Replay, free: bool, reason: str) -> Late:
+    """The verdict one step late, from the replay and the official check on its traffic."""
+    if not free:
+        return Late(False, f"no_collision: {reason}")
+    if late.hit is not None:
         step, obstacle = late.hit
         return Late(False, f"the late ego touches obstacle {obstacle} at step {step}")
-    return Late(ok, "" if ok else f"no_collision: {reason}")
+    return Late(True, "")
+
+
+def _judgement(verdict: Verdict, late: Late, files: tuple[Path, ...]) -> Judgement:
+    """What is not valid on time is not asked to be so late."""
+    return Judgement(verdict, late if verdict.valid else None, files)

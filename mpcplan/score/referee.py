@@ -3,7 +3,9 @@
 The checker's extension modules can crash on some maps and print thousands of lines at exit, so it
 never runs in the caller's process. The child (:mod:`mpcplan.score.referee_child`) takes a list of
 tasks, the six checks and the cost, and appends one JSON line per finished task to a file. When it
-dies in the middle of a task, that task has failed and a second child does those that remain.
+dies in the middle of a task, that task has failed and a second child does those that remain. The
+collision check on further traffic (a late replay) is a task of the same child: starting one takes
+longer than most checks.
 """
 
 import json
@@ -21,11 +23,17 @@ from mpcplan.errors import InputError, RefereeError
 from mpcplan.score.tr1 import CHECKER_WEIGHTS, REPORT_WEIGHTS, tr1
 from mpcplan.score.verdict import CHECKS, Verdict
 
-__all__ = ["Verdict", "check", "evaluate"]
+__all__ = ["Verdict", "check", "evaluate", "evaluate_with_late"]
 
+LATE = "no_collision_late"
+"""The task of the collision check on the late traffic."""
 TASKS = (*CHECKS, "cost")
 _CHILD = "mpcplan.score.referee_child"
-_NAMES = {"on_road": "the boundary check", "cost": "the cost evaluation"}
+_NAMES = {
+    "on_road": "the boundary check",
+    "cost": "the cost evaluation",
+    LATE: "the check no_collision on the late traffic",
+}
 
 
 @dataclass
@@ -57,6 +65,20 @@ def evaluate(scenario: str | Path, solution: str | Path, timeout_s: float = 180.
     return _verdict(_ask(Path(scenario), Path(solution), timeout_s, TASKS))
 
 
+def evaluate_with_late(
+    scenario: str | Path, late: str | Path, solution: str | Path, timeout_s: float = 180.0
+) -> tuple[Verdict, bool, str]:
+    """As :func:`evaluate`, with the official collision check on a second scenario of traffic.
+
+    Returns:
+        the verdict, whether the solution is free of collisions in ``late``, and the reason if not.
+    """
+    tasks = (*TASKS, LATE)
+    answers = _ask(Path(scenario), Path(solution), timeout_s, tasks, Path(late))
+    answer = answers.results[LATE]
+    return _verdict(answers), bool(answer["ok"]), str(answer["reason"])
+
+
 def check(
     name: str, scenario: str | Path, solution: str | Path, timeout_s: float = 180.0
 ) -> tuple[bool, str]:
@@ -70,16 +92,21 @@ def check(
     return bool(answer["ok"]), str(answer["reason"])
 
 
-def _ask(scenario: Path, solution: Path, timeout_s: float, tasks: tuple[str, ...]) -> _Answers:
+def _ask(
+    scenario: Path, solution: Path, timeout_s: float, tasks: tuple[str, ...],
+    late: Path | None = None,
+) -> _Answers:  # fmt: skip
     """All answers, from a second child where the first one died."""
-    for what, path in (("scenario", scenario), ("solution", solution)):
-        if not path.is_file():
+    for what, path in (("scenario", scenario), ("solution", solution), ("late scenario", late)):
+        if path is not None and not path.is_file():
             raise InputError(f"{what} file not found: {path}")
+    files = [str(path) for path in (scenario, solution)]
+    options = ["--late", str(late)] if late is not None else []
     answers = _Answers(tasks)
-    end = _run_child(scenario, solution, timeout_s, answers)
+    end = _run_child(files, options, timeout_s, answers)
     if end.broken:
         _give_up(end, answers)
-        end = _run_child(scenario, solution, timeout_s, answers)
+        end = _run_child(files, options, timeout_s, answers)
         if end.broken:
             raise RefereeError(f"the official checker died twice, last {end}")
     return answers
@@ -107,15 +134,15 @@ def _give_up(end: _End, answers: _Answers) -> None:
         answers.results[end.task] = {"ok": False, "reason": str(end)}
 
 
-def _run_child(scenario: Path, solution: Path, timeout_s: float, answers: _Answers) -> _End:
+def _run_child(files: list[str], options: list[str], timeout_s: float, answers: _Answers) -> _End:
     """One child for the tasks that are missing; its answers are added to ``answers``."""
     with tempfile.TemporaryDirectory(prefix="mpcplan-referee-") as folder:
         answer, log = Path(folder, "answer.jsonl"), Path(folder, "log.txt")
-        command = [sys.executable, "-m", _CHILD, str(scenario), str(solution), str(answer)]
+        command = [sys.executable, "-m", _CHILD, *files, str(answer)]
         with log.open("wb") as noise:
             try:
                 code: int | None = subprocess.run(
-                    command + answers.missing,
+                    command + answers.missing + options,
                     stdin=subprocess.DEVNULL,
                     stdout=noise,
                     stderr=noise,

@@ -1,12 +1,14 @@
 """Child process of :mod:`mpcplan.score.referee`: the official checks, one by one.
 
-Usage: python -m mpcplan.score.referee_child SCENARIO SOLUTION ANSWER TASK...
+Usage: python -m mpcplan.score.referee_child SCENARIO SOLUTION ANSWER TASK... [--late SCENARIO]
 
 Appends JSON lines to ANSWER: a header, then ``{"begin": task}`` and ``{"task": task, "ok": ...,
-"reason": ...}`` for each task, ``{"end": true}`` at last; or ``{"input_error": message}``.
+"reason": ...}`` for each task, ``{"end": true}`` at last; or ``{"input_error": message}``. The task
+:data:`LATE` is the collision check on the scenario of ``--late``.
 Whatever the checker prints goes to this process's stdout and stderr, which the parent keeps.
 """
 
+import argparse
 import json
 import os
 import sys
@@ -17,9 +19,12 @@ from typing import Any
 from mpcplan.errors import InputError
 from mpcplan.score import locate, official
 from mpcplan.score.official import Case
+from mpcplan.score.referee import LATE
 
 
-def run(scenario: Path, solution: Path, answer: Path, tasks: list[str]) -> None:
+def run(
+    scenario: Path, solution: Path, answer: Path, tasks: list[str], late: Path | None = None
+) -> None:
     """Do the tasks and write the answers."""
     with answer.open("a", encoding="utf-8", buffering=1) as out:
 
@@ -29,14 +34,24 @@ def run(scenario: Path, solution: Path, answer: Path, tasks: list[str]) -> None:
 
         try:
             case = official.read_case(scenario, solution)
+            late_case = official.read_case(late, solution) if late is not None else None
         except InputError as error:
             say({"input_error": str(error)})
             return
         say({"header": {"scenario": case.id, "duration_s": case.duration_s}})
         for task in tasks:
             say({"begin": task})
-            say({"task": task, **(_cost(case) if task == "cost" else _check(case, task))})
+            say({"task": task, **_answer(case, late_case, task)})
         say({"end": True})
+
+
+def _answer(case: Case, late: Case | None, task: str) -> dict[str, Any]:
+    """What is said of one task."""
+    if task == "cost":
+        return _cost(case)
+    if task == LATE and late is not None:
+        return _check(late, "no_collision")
+    return _check(case, task)
 
 
 def _check(case: Case, name: str) -> dict[str, Any]:
@@ -75,7 +90,12 @@ def describe(error: BaseException) -> str:
 
 
 if __name__ == "__main__":
-    run(Path(sys.argv[1]), Path(sys.argv[2]), Path(sys.argv[3]), sys.argv[4:])
+    parser = argparse.ArgumentParser(prog="mpcplan.score.referee_child")
+    for name in ("scenario", "solution", "answer"):
+        parser.add_argument(name, type=Path)
+    parser.add_argument("tasks", nargs="+")
+    parser.add_argument("--late", type=Path)
+    run(**vars(parser.parse_args()))
     sys.stdout.flush()
     sys.stderr.flush()
     os._exit(0)  # skips the extension modules' leak reports, which take a while

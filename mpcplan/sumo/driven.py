@@ -9,6 +9,7 @@ where it was recorded (:mod:`mpcplan.sumo.shown`).
 """
 
 import math
+from collections.abc import Sequence
 
 import libsumo
 import numpy as np
@@ -80,6 +81,6 @@ class Driven:
         """Before every later step, while SUMO drives it."""
         self._settling.step(dt)
 
-    def shown(self, box: Array, dt: float) -> Array:
+    def shown(self, box: Sequence[float], dt: float) -> tuple[float, ...]:
         """(6,) box as others see it, given SUMO's, to be asked once a step."""
         return self._shown.step(box, dt)

@@ -1,6 +1,6 @@
 """All others in the traffic: who SUMO drives, who is played back, and who has not come in yet."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -97,16 +97,19 @@ class Participants:
         self._step = step
         return entering
 
-    def boxes(self, step: int, now: Vehicles) -> list[tuple[Record, Array]]:
+    def boxes(self, step: int, now: Vehicles) -> list[tuple[Record, Sequence[float]]]:
         """Who is there at a time step, and (6,) boxes as others see them; once a step."""
-        rows = {name: row for row, name in enumerate(now.ids)}
-        found = [
-            (d.record, d.start if d.entered == step else d.shown(now.boxes[rows[d.name]], self._dt))
+        rows = dict(zip(now.ids, now.boxes.tolist(), strict=True))
+        found: list[tuple[Record, Sequence[float]]] = [
+            (d.record, d.start.tolist() if d.entered == step else d.shown(rows[d.name], self._dt))
             for d in self._driven
             if d.name in rows
         ]
-        played = ((p.record, p.box(step)) for p in self._played)
-        return found + [(known, box) for known, box in played if box is not None]
+        for played in self._played:
+            box = played.box(step)
+            if box is not None:
+                found.append((played.record, box.tolist()))
+        return found
 
     @property
     def notes(self) -> tuple[str, ...]:

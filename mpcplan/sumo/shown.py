@@ -7,8 +7,8 @@ serves where a vehicle leaps in SUMO, at kinks of the net and in lane changes wi
 """
 
 import math
+from collections.abc import Sequence
 
-from mpcplan.observation import Box
 from mpcplan.trajectory import Array
 
 LEAP = 0.3  # m, by which a front may move farther than its speed takes it
@@ -33,19 +33,17 @@ class Shown:
         self._last = float(front[0]), float(front[1]), sumo_psi
         self._turn = math.remainder(psi - sumo_psi, 2 * math.pi)
 
-    def step(self, box: Array, dt: float) -> Array:
+    def step(self, box: Sequence[float], dt: float) -> tuple[float, ...]:
         """(6,) box shown, given SUMO's, one time step [s] after the last."""
-        x, y, psi, v, length, _ = box.tolist()
+        x, y, psi, v, length, width = box
         front_x = x + length / 2 * math.cos(psi)
         front_y = y + length / 2 * math.sin(psi)
         self._take_up_leap(front_x, front_y, psi, v * dt)
         self._decay(v, dt)
-        shown = psi + self._turn
-        moved: Array = box.copy()
-        moved[Box.X] = front_x + self._off_x - length / 2 * math.cos(shown)
-        moved[Box.Y] = front_y + self._off_y - length / 2 * math.sin(shown)
-        moved[Box.PSI] = math.remainder(shown, 2 * math.pi)
-        return moved
+        shown = math.remainder(psi + self._turn, 2 * math.pi)
+        centre_x = front_x + self._off_x - length / 2 * math.cos(shown)
+        centre_y = front_y + self._off_y - length / 2 * math.sin(shown)
+        return centre_x, centre_y, shown, v, length, width
 
     def _take_up_leap(self, x: float, y: float, psi: float, way: float) -> None:
         """Adds to what is off what SUMO's vehicle did that its motion does not explain."""
