@@ -1,4 +1,4 @@
-"""The command line: solve, evaluate, bench, compete, compare, twin, config.
+"""The command line: solve, evaluate, bench, compete, compare, forecasts, twin, config.
 
 Exit codes: 0 done (solved, valid), 1 not solved or not valid, 2 bad input, 3 an error of the
 program itself, 130 interrupted. Of many scenarios some may fail: bench ends with 0 when every one
@@ -115,6 +115,12 @@ def _parser() -> argparse.ArgumentParser:
     versus.add_argument("a", metavar="A", help="results.csv or its folder")
     versus.add_argument("b", metavar="B", help="another one, perhaps with a column 'planner'")
     versus.add_argument("--planner", help="compare with this planner of B only")
+
+    forecasts = _command(
+        commands, "forecasts", _forecasts, "measure the predictions on simulated traffic"
+    )
+    forecasts.add_argument("results", type=Path, metavar="RESULTS", help="a benchmark's folder")
+    forecasts.add_argument("--csv", type=Path, metavar="FILE", help="write the table there too")
 
     twin = _command(commands, "twin", _twin, "make an interactive scenario out of a recorded one")
     twin.add_argument("scenario", type=Path, metavar="SCENARIO", help="CommonRoad XML file")
@@ -350,6 +356,24 @@ def _compare(args: argparse.Namespace) -> int:
 
     print(compare(args.a, args.b, args.planner))
     return OK
+
+
+def _forecasts(args: argparse.Namespace) -> int:
+    with quiet():
+        from mpcplan.bench.forecasts import as_csv, as_table, forecast_errors
+
+        errors = forecast_errors(args.results)
+        if args.csv is not None:
+            _write_text(args.csv, as_csv(errors))
+    print(f"displacement of the centres [m]\n{as_table(errors)}")
+    return OK
+
+
+def _write_text(path: Path, text: str) -> None:
+    try:
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"cannot write {path}: {error.strerror or error}") from error
 
 
 def _twin(args: argparse.Namespace) -> int:

@@ -101,6 +101,19 @@ class PredictConfig(Section):
     lateral_acceleration: float = par(
         5.5, "m/s^2", "lateral acceleration of the others in turns", gt=0.5, le=11
     )
+    lateness: float = par(
+        0.0,
+        "s",
+        "guesses of the others' motion hold for an ego vehicle that is this late, too",
+        ge=0,
+        le=1,
+    )
+    hope: tuple[Annotated[float, Field(ge=0, le=20)], ...] = par(
+        (0.0, 2.0),
+        "s",
+        "where no plan reaches the goal, one is sought that counts on others' making way this much "
+        "later than plans are verified, at the first of these times that gives one",
+    )
     alternative: float = par(
         0.25,
         "1",
@@ -237,6 +250,14 @@ class VerifyConfig(Section):
     )
     margin: float = par(0.05, "m", "gap kept to every predicted rectangle", ge=0, le=1)
     braking: float = par(8.0, "m/s^2", "deceleration of the fail-safe tail", gt=1, le=11.5)
+    tail_road: float = par(
+        0.03,
+        "m^2",
+        "where the others' motion is a guess, a fail-safe tail may be this much off the road; what "
+        "is driven may not",
+        ge=0,
+        le=0.2,
+    )
     horizon: float = par(
         3.0,
         "s",

@@ -5,6 +5,7 @@ import json
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import made
@@ -288,6 +289,43 @@ def test_after_emergency_braking_planning_starts_afresh():
     free = Snapshot(3, (), np.empty((0, 6)))
     plan = planner.plan(Observation(3, state, -8.0, (free,)))
     assert plan.finding.ok and plan.source.startswith(("lattice", "search"))
+
+
+def test_the_last_step_of_a_plan_is_still_driven():
+    loaded = bundled("StopInGoal")
+    planner = Planner(task_of(loaded, loaded.problems[0]))
+    first = planner.plan(first_look(loaded))
+    assert first.reaches_goal
+    end = first.trajectory.last_step
+    traffic = RecordedTraffic(loaded.scenario)
+    state, before = first.trajectory.state_at(end - 1), first.trajectory.inputs[-2, 0]
+    plan = planner.plan(Observation(end - 1, state, float(before), (traffic.at(end - 1),)))
+    assert plan.reaches_goal and plan.source == "last plan kept"
+    assert np.array_equal(plan.trajectory.states, first.trajectory.states[-2:])
+
+
+def blocked(folder: Path, kind: str) -> Plan:
+    """A plan where both lanes are taken 35 m ahead, and the goal lies behind."""
+    goal = made.goal(Rectangle(10, 3, made.at(70, made.LANE / 2)), 75)
+    problem = made.problem(100, made.state(10, made.LANE / 2, 8), goal)
+    loaded = load(made.write(folder, problem, obstacles=[]))
+    task = replace(task_of(loaded, loaded.problems[0]), recorded=None)
+    x, y, psi = loaded.problems[0].start[[State.X, State.Y, State.PSI]]
+    boxes = np.array([[x + 35, y + side, psi, 0.0, 4.5, 2.5] for side in (0.0, made.LANE)])
+    seen = tuple(Snapshot(step, (1, 2), boxes, (kind, kind)) for step in range(-5, 1))
+    return Planner(task).plan(Observation(0, loaded.problems[0].start, 0.0, seen))
+
+
+def test_the_goal_is_not_given_up_for_cars_that_stand_in_the_way_now(tmp_path):
+    """They may drive on; until they do, every plan can be broken off before them."""
+    plan = blocked(tmp_path, "car")
+    assert plan.reaches_goal and plan.finding.ok and plan.trace["fallback"] is None
+    assert plan.trajectory.last_step > 30
+
+
+def test_what_will_never_move_is_no_hope(tmp_path):
+    plan = blocked(tmp_path, "parkedVehicle")
+    assert plan.finding.ok and not plan.reaches_goal
 
 
 # -- closed loop ----------------------------------------------------------------------------------

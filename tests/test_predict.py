@@ -320,3 +320,12 @@ def test_occupancy_covers_a_long_vehicle_in_a_bend():
         s, d = frame.to_frenet(points)
         assert around.s_low[0, 0] - 0.02 <= s.min() and s.max() <= around.s_high[0, 0] + 0.02
         assert around.d_low[0, 0] - 0.02 <= d.min() and d.max() <= around.d_high[0, 0] + 0.02
+
+
+def test_occupancy_until_a_time_step_keeps_those_that_stand():
+    boxes = np.repeat([[[30.0, 0, 0, 5, 4, 2]], [[60.0, 0, 0, 0, 4, 2]]], 21, axis=1)
+    forecast = Forecast(10, (1, 2), boxes, np.array([False, True]))
+    near = occupancy(forecast, frame_of(straight, 100.0)).until(15)
+    seen = near.window(10, 30)
+    assert np.isfinite(seen.s[0]).tolist() == [True] * 6 + [False] * 24
+    assert np.isfinite(seen.s[1]).all()

@@ -22,6 +22,7 @@ from mpcplan.road.reference import drop_repeated, resample, smooth
 from mpcplan.road.road import Road, build_roads
 from mpcplan.road.route import find_routes, goal_lanelets, start_lanelets
 from mpcplan.scenario import LoadedScenario, load
+from mpcplan.vehicle import FORD_ESCORT as CAR
 
 FOLDER = Path(__file__).resolve().parents[1] / "scenarios"
 NAMES = [path.stem.split("-1_1")[0] for path in sorted(FOLDER.glob("*.xml"))]
@@ -438,3 +439,27 @@ def test_a_goal_of_lanelets_that_cross_themselves_has_an_area() -> None:
     beside = Polygon(np.array([[1.0, 0.0], [9.0, 0.0], [9.0, 2.0], [1.0, 2.0]]))
     area = region_of(ShapeGroup([bow, beside])).area
     assert area == pytest.approx(17.5)  # 16, and what reaches beyond of the left triangle
+
+
+# -- timetable ------------------------------------------------------------------------------------
+
+
+def test_the_timetable_leads_evenly_from_the_start_to_the_goal(tmp_path):
+    scenario = load(
+        made.write(tmp_path, made.problem(1, made.state(10, 2, 10), made.rectangle_goal(60)))
+    )
+    road = build_roads(scenario.scenario, scenario.problems[0].planning_problem, CONFIG)[0]
+    due = road.due(0, 40, 0.25)  # the last step is 40
+    assert due[0] == pytest.approx(road.start)
+    assert np.diff(due[:31]) == pytest.approx((due[30] - due[0]) / 30)
+    low = road.goals[0].s[0] - CAR.rear_to_centre
+    assert due[30:] == pytest.approx(low)
+    later = road.due(12, 28, 0.25)
+    assert later == pytest.approx(due[12:])  # who falls behind is not given more time
+
+
+def test_nothing_is_due_without_a_position_or_a_reserve(tmp_path):
+    for goals, share in (([made.goal()], 0.25), ([made.rectangle_goal(60)], 0.0)):
+        scenario = load(made.write(tmp_path, made.problem(1, made.state(10, 2, 10), *goals)))
+        road = build_roads(scenario.scenario, scenario.problems[0].planning_problem, CONFIG)[0]
+        assert np.isneginf(road.due(0, 40, share)).all()

@@ -309,6 +309,22 @@ def test_a_plan_may_go_on_while_it_can_be_broken_off_at_the_next_cycle():
     assert not guard.until_next(plan, ROAD, wall(43.0), 0).ok
 
 
+def test_only_the_tail_may_cut_the_roads_edge_and_only_a_little():
+    edge = -1.75 + 0.837  # the body's side is on the road's edge there
+    outwards = 0.01 / 48  # rad, 1 cm on the way: 0.02 m^2 at last
+    plan = simulate([30, edge + 0.007, 0, 10, -outwards], np.zeros((60, 2)), DT)
+    assert verify(plan, NOBODY, ROAD.area, CONFIG).check == "road"
+    outside = check_road(plan, ROAD.area).step
+    assert 20 < outside < 45
+    assert verify(plan.until(45), NOBODY, ROAD.area, CONFIG, tail=outside - 1).ok
+    assert not verify(plan.until(45), NOBODY, ROAD.area, CONFIG, tail=outside).ok
+    wide = simulate([30, edge + 0.007, 0, 10, -5 * outwards], np.zeros((60, 2)), DT)
+    assert not verify(wide, NOBODY, ROAD.area, CONFIG, tail=5).ok
+    guard = Guard(Config(), DT)
+    assert guard.until_next(plan, ROAD, NOBODY, outside - 8).ok  # it is broken off before the edge
+    assert not guard.until_next(plan, ROAD, NOBODY, outside).ok
+
+
 def test_emergency_braking_is_the_softest_that_is_safe():
     guard, state = Guard(Config(), DT), state_at(ROAD.frame, 30.0, v=10.0)
     hardest = []

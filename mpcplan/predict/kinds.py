@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mpcplan.observation import Snapshot
 from mpcplan.trajectory import Array
 
 IMPERFECTION = 0.5  # sigma of the Krauss model
@@ -73,3 +74,8 @@ def drivers(kinds: Iterable[str]) -> Drivers:
     ).reshape(-1, 4).T  # fmt: skip
     # Krauss: every step's speed is lowered by a random part of sigma a dt, half of it on average
     return Drivers(acceleration, acceleration * (1 - IMPERFECTION / 2), deceleration, gap, speed)
+
+
+def standing(seen: Snapshot) -> Array:
+    """(n,) who of a snapshot will never move."""
+    return np.array([seen.kind_of(number) in STANDING for number in seen.ids], bool)

@@ -4,8 +4,10 @@
     3. leaders: who is ahead on each way                  4. drive all along their ways (Krauss)
     5. who has to yield then waits: drive again           6. from ways back to boxes
 
-The ego vehicle is expected to keep its lane and speed. Nothing is used but the observation and the
-map. Who is far away, off the lanes or against their direction goes straight on.
+The others expect the ego vehicle to drive on like any other car, and never to give its right of way
+away: if it were expected to keep its speed, then once it is slow, nobody would ever be predicted to
+wait for it, and it would wait for all. Nothing is used but the observation and the map. Who is far
+away, off the lanes or against their direction goes straight on.
 """
 
 from dataclasses import replace
@@ -18,7 +20,7 @@ from mpcplan.observation import Box, Forecast, Observation
 from mpcplan.predict.behind import followers
 from mpcplan.predict.following import STEPS, Movers, drive, kept_headway, refined
 from mpcplan.predict.hypotheses import Hypotheses, Leaders, hypotheses, leaders
-from mpcplan.predict.kinds import OFF_LANES
+from mpcplan.predict.kinds import OFF_LANES, standing
 from mpcplan.predict.lanes import Lanes
 from mpcplan.predict.motion import motion, straight_on
 from mpcplan.predict.outlines import others_that_matter, outlines
@@ -84,7 +86,8 @@ class LaneFollow:
         predicted[others, soon:] = np.nan
         names = (now.ids[scene.rows[i]] for i in found.vehicle[others])
         rows = np.concatenate([boxes, predicted[others]])
-        return Forecast(observation.step, (*now.ids, *names), rows)
+        held = np.concatenate([standing(now), np.zeros(len(others), bool)])
+        return Forecast(observation.step, (*now.ids, *names), rows, held)
 
     def _driven(
         self, scene: Scene, found: Hypotheses, ahead: Leaders, steps: int
@@ -111,8 +114,8 @@ class LaneFollow:
         """How everybody drives who need not yield."""
         of, known = found.vehicle, scene.drivers
         v, length = np.abs(scene.boxes[of, Box.V]), scene.boxes[:, Box.LENGTH]
-        b, none, ego = known.deceleration[of], len(of), of == scene.ego
-        led = (ahead.row < none) & ~ego
+        b, none = known.deceleration[of], len(of)
+        led = ahead.row < none
         leader = np.where(led, ahead.row, 0)
         by = of[leader]
         free = ahead.at - length[by] - found.s
@@ -125,8 +128,8 @@ class LaneFollow:
             acceleration=self._accelerations(scene, found, led, v, count),
             deceleration=b,
             headway=headway,
-            speed=np.where(ego, np.inf, np.maximum(known.speed[of], v)),
-            profile=np.where(ego, FREE, self._profiles(scene, found, v)),
+            speed=np.maximum(known.speed[of], v),
+            profile=self._profiles(scene, found, v),
             leader=np.where(led, leader, none),
             offset=np.where(led, ahead.at - found.s[leader] - length[by] - gap, 0.0),
             until=np.where(led, ahead.until + length[by], np.inf),
@@ -139,14 +142,14 @@ class LaneFollow:
     ) -> Array:
         """(count, h) of who is not held back [m/s^2]: from the observed to the usual one.
 
-        Who stands for no visible reason stays, and the ego vehicle keeps its speed.
+        Who stands for no visible reason stays, but for the ego vehicle, which is expected to go.
         """
         of = found.vehicle
-        seen, usual = scene.motion.acceleration[of], scene.drivers.usual[of]
+        usual = scene.drivers.usual[of]
+        seen = np.where(of == scene.ego, usual, scene.motion.acceleration[of])
         t = STEPS * self._dt * np.arange(count)[:, None]
         later = usual + (seen - usual) * np.exp(-t / self._config.acceleration_fade)
-        stays = (v < SLOW) & (np.abs(seen) < STEADY) & ~led
-        stays |= of == scene.ego
+        stays = (v < SLOW) & (np.abs(seen) < STEADY) & ~led & (of != scene.ego)
         return np.where(stays, 0.0, np.minimum(later, scene.drivers.acceleration[of]))
 
     def _profiles(self, scene: Scene, found: Hypotheses, v: Array) -> Array:

@@ -52,6 +52,16 @@ class Occupancy:
         }
         return replace(self, first_step=first, **cut)
 
+    def until(self, last: int) -> "Occupancy":
+        """Nobody after a time step, but for those that are held."""
+        kept = np.zeros(len(self.ids), bool) if self.held is None else self.held
+        cut: dict[str, Any] = {}
+        for name in VALUES:
+            values = getattr(self, name).copy()
+            values[~kept, max(last + 1 - self.first_step, 0) :] = np.nan
+            cut[name] = values
+        return replace(self, **cut)
+
 
 VALUES = tuple(f.name for f in fields(Occupancy) if f.name not in ("first_step", "ids", "held"))
 

@@ -7,6 +7,7 @@ from mpcplan.errors import InputError
 from mpcplan.observation import Forecast, Observation
 from mpcplan.predict.constant_input import ConstantInput
 from mpcplan.predict.lane_follow import LaneFollow
+from mpcplan.predict.lateness import LateEgo
 from mpcplan.predict.recorded import Recorded
 from mpcplan.task import Task
 
@@ -29,12 +30,17 @@ def make_predictor(task: Task, config: PredictConfig) -> Predictor:
     if kind == "auto":
         kind = "lane_follow" if task.recorded is None else "recorded"
     if kind == "constant_input":
-        return ConstantInput(config, task.dt)
+        return _late(ConstantInput(config, task.dt), config)
     if kind == "lane_follow":
-        return LaneFollow(task.road_map.lanelet_network, config, task.dt)
+        return _late(LaneFollow(task.road_map.lanelet_network, config, task.dt), config)
     if task.recorded is None:
         raise InputError(
             "predict.kind is 'recorded', but the traffic of an interactive scenario reacts and "
             "nobody knows its future; choose 'auto', 'lane_follow' or 'constant_input'"
         )
     return Recorded(task.recorded)
+
+
+def _late(predictor: Predictor, config: PredictConfig) -> Predictor:
+    """A guess that also holds when the ego vehicle is late, where that is configured."""
+    return LateEgo(predictor, config.lateness) if config.lateness > 0 else predictor

@@ -23,6 +23,8 @@ DEFECT_PENALTY = 200.0  # rho of the merit function, at least
 DEFECT_TOLERANCE = 1e-3
 ARMIJO = 1e-6
 DAMPING_LESS, DAMPING_MORE = 0.3, 4.0  # after a whole step, after a short one
+DAMPING_REFUSED, DAMPING_LEAST = 10.0, 0.01  # after a step without descent
+DAMPING_MAX = 10.0  # beyond which no step can be expected to help
 FAILED = "subproblem failed"
 STALLED = 0.1  # scaled step below which no descent means that the optimum is reached
 
@@ -105,9 +107,12 @@ def solve(problem: Problem, config: RefineConfig, fresh: bool = True) -> SqpResu
             break
         multipliers = answer.y
         moved = _line_search(problem, z, answer.p, multipliers, config.line_search)
-        if moved is None:
-            status = "no descent"
-            break
+        if moved is None:  # the model is not trusted that far: a shorter step by more damping
+            if damping > DAMPING_MAX:
+                status = "no descent"
+                break
+            damping = max(damping * DAMPING_REFUSED, DAMPING_LEAST)
+            continue
         z, size, gain, share = moved
         damping *= DAMPING_LESS if share == 1.0 else DAMPING_MORE if share < 0.5 else 1.0
         settled = size < config.tolerance or gain < config.gain * (1.0 + before)

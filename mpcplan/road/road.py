@@ -31,6 +31,8 @@ class Road:
         limits: drivable area, lanes and speeds along it.
         goals: windows of the goal states that this route meets (never empty).
         area: the whole drivable area.
+        first_step: time step at the start.
+        start: arc length of the rear axle at the start [m].
     """
 
     route: Route
@@ -38,6 +40,8 @@ class Road:
     limits: Limits
     goals: tuple[GoalWindow, ...]
     area: shapely.Geometry
+    first_step: int = 0
+    start: float = 0.0
 
     @property
     def last_step(self) -> int:
@@ -45,13 +49,16 @@ class Road:
         return max(goal.last for goal in self.goals)
 
     def due(self, step: int, count: int, share: float) -> Array:
-        """Arc lengths that the rear axle should have reached, so that the goal's position is not
-        left to the last moment.
+        """The timetable: arc lengths that the rear axle should have reached, so that the goal's
+        position is not left to the last moment.
+
+        It leads at a constant speed from the start to the goal, where it arrives early: whoever
+        falls behind it early depends on everything going well later.
 
         Args:
             step: present time step.
             count: number of time steps looked at.
-            share: of the time that remains to a goal's last step, kept in reserve.
+            share: of the whole time from the start to a goal's last step, kept in reserve.
 
         Returns:
             (count + 1,) arc lengths [m] at the time steps from ``step`` on; -inf where nothing is
@@ -59,9 +66,12 @@ class Road:
         """
         steps, due = step + np.arange(count + 1), np.full(count + 1, np.inf)
         for goal in self.goals:
-            low = -np.inf if goal.s is None else goal.s[0] - CAR.rear_to_centre
-            begin = goal.last - share * (goal.last - step)
-            due = np.minimum(due, np.where((steps >= begin) & (share > 0), low, -np.inf))
+            if share <= 0 or goal.s is None:
+                return np.full(count + 1, -np.inf)
+            low = goal.s[0] - CAR.rear_to_centre
+            duration = max((1 - share) * (goal.last - self.first_step), 1.0)
+            passed = np.clip((steps - self.first_step) / duration, 0.0, 1.0)
+            due = np.minimum(due, self.start + (low - self.start) * passed)
         return due
 
 
@@ -87,10 +97,13 @@ def build_roads(
         except RoadError as error:
             reasons.append(f"{route.lanelets}: {error}")
             continue
-        goals = goal_windows(problem, frame, float(frame.to_frenet(start)[0]), last_step)
+        begin = float(frame.to_frenet(start)[0])
+        goals = goal_windows(problem, frame, begin, last_step)
         if goals:
             limits = build_limits(scenario, area, frame, config)
-            roads.append(Road(route, frame, limits, goals, area))
+            first_step = int(problem.initial_state.time_step)
+            rear = begin - CAR.rear_to_centre
+            roads.append(Road(route, frame, limits, goals, area, first_step, rear))
         else:
             reasons.append(f"{route.lanelets}: its path does not meet the goal region ahead")
     if not roads:

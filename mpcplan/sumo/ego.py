@@ -1,14 +1,16 @@
 """The ego vehicle in SUMO: it goes where we put it, and the others take it for one of theirs.
 
 Others yield at junctions to vehicles whose routes cross theirs, so the ego vehicle needs a route:
-to its goal, or straight on. Put on a lane off its route, SUMO leaves it a route that ends there;
-then it is given a new one.
+to its goal, or straight on. Where lanes fork they lie on each other, and only the route tells which
+one it is on: SUMO is told to keep to the route while the vehicle is on it. When it has left it, it
+is given a new one.
 """
 
 from collections.abc import Collection
 from contextlib import suppress
 
 import libsumo
+import shapely
 
 from mpcplan.observation import Box
 from mpcplan.sumo.drivers import ANY, CAR, add_type
@@ -20,7 +22,8 @@ from mpcplan.trajectory import Array
 
 EGO = "ego"
 REACH = 5.0  # m, from the middle of a lane, within which the ego vehicle is on it
-_OFF_ROUTE = 1.0  # m, that a lane of the route may be farther
+ASIDE = 1.5  # m, from the middle of its lane, farther than which SUMO does not have it there
+_OFF_ROUTE = 3.0  # m, that a lane of the route may be farther: turns are cut, or taken wide
 
 
 class EgoVehicle:
@@ -45,6 +48,7 @@ class EgoVehicle:
         self._session, self._graph, self._goal_lanes = session, graph, goal_lanes
         self.lanes: frozenset[str] = frozenset()
         self.lane = ""
+        self._left_route = False
         self._speed = float(box[Box.V])
         length, width = float(box[Box.LENGTH]), float(box[Box.WIDTH])
         add_type(EGO, CAR, ANY, length, width, self._speed)
@@ -57,22 +61,36 @@ class EgoVehicle:
 
     def place(self, box: Array) -> None:
         """Where it is to be after the next step: (6,) in file coordinates."""
-        place = self._place_at(box)
-        lane = None if place is None else self._graph.lanes[place.lane]
-        self._session.place(EGO, box, lane.name if lane else ("", -1))
         self._speed = float(box[Box.V])
+        place = self._place_at(box)
+        self._left_route = place is not None and place.lane not in self.lanes
+        if place is None:
+            self._session.place(EGO, box)
+            return
+        lane, on_route = self._graph.lanes[place.lane], not self._left_route
+        self._session.place(EGO, self._nearer(box, place) if on_route else box, lane.name, on_route)
 
     def placed(self) -> None:
         """To be called after the step: SUMO learns the speed, and the route if it was left."""
         libsumo.vehicle.setPreviousSpeed(EGO, self._speed)
         self.lane = libsumo.vehicle.getLaneID(EGO)
-        if self.lane in self.lanes or self.lane not in self._graph.lanes:
+        if not self._left_route or self.lane in self.lanes or self.lane not in self._graph.lanes:
             return
         edges = self._way(self.lane)
         with suppress(
             libsumo.TraCIException
         ):  # a junction with several ways in: SUMO's guess holds
             libsumo.vehicle.setRoute(EGO, edges)
+
+    def _nearer(self, box: Array, place: Place) -> Array:
+        """The box where SUMO still has it on the lane: one far aside of all lanes is not seen."""
+        if place.distance <= ASIDE:
+            return box
+        front, line = fronts(box[None])[0], self._graph.lanes[place.lane].line
+        middle = shapely.get_coordinates(line.interpolate(place.offset))[0]
+        moved: Array = box.copy()
+        moved[[Box.X, Box.Y]] += (1 - ASIDE / place.distance) * (middle - front)
+        return moved
 
     def _place_at(self, box: Array) -> Place | None:
         """The lane it is on, rather one of its route; None off all lanes."""

@@ -55,6 +55,7 @@ KINDS = {
 }
 UNKNOWN_KIND = "unknown"
 ANYWHERE = 2  # moveToXY's keepRoute: exactly where told, on or off the route or road
+ON_ROUTE = 3  # exactly where told, for SUMO on a lane of the route
 UNCHECKED = 0  # speed and lane change modes: SUMO does nothing of its own
 
 
@@ -194,12 +195,16 @@ class Session:
         libsumo.vehicle.setSpeedMode(vehicle, UNCHECKED)
         libsumo.vehicle.setLaneChangeMode(vehicle, UNCHECKED)
 
-    def place(self, vehicle: str, box: Array, lane: tuple[str, int] = ("", -1)) -> None:
+    def place(
+        self, vehicle: str, box: Array, lane: tuple[str, int] = ("", -1), on_route: bool = False
+    ) -> None:
         """Puts a vehicle somewhere, to go on at the box's speed; see :meth:`move`."""
-        self.move(vehicle, box, lane)
+        self.move(vehicle, box, lane, on_route)
         libsumo.vehicle.setSpeed(vehicle, float(box[Box.V]))
 
-    def move(self, vehicle: str, box: Array, lane: tuple[str, int] = ("", -1)) -> None:
+    def move(
+        self, vehicle: str, box: Array, lane: tuple[str, int] = ("", -1), on_route: bool = False
+    ) -> None:
         """Puts a vehicle somewhere; it is exactly there after the next step.
 
         Args:
@@ -207,10 +212,12 @@ class Session:
             box: (6,) in file coordinates, columns :class:`Box`.
             lane: edge and index of the lane that is meant where several lie there; none: the
                 nearest.
+            on_route: whether it must be a lane of the vehicle's route.
         """
         x, y, psi, _, length, _ = (float(value) for value in box)
         front = x + length / 2 * math.cos(psi), y + length / 2 * math.sin(psi)
-        libsumo.vehicle.moveToXY(vehicle, *lane, *front, angle(psi), ANYWHERE)
+        keep = ON_ROUTE if on_route else ANYWHERE
+        libsumo.vehicle.moveToXY(vehicle, *lane, *front, angle(psi), keep)
 
     def remove(self, vehicle: str) -> None:
         """Takes a vehicle off the road."""

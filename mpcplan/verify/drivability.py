@@ -59,13 +59,26 @@ PASSED = Finding(True)
 
 
 def verify(
-    trajectory: Trajectory, forecast: Forecast, area: shapely.Geometry, config: VerifyConfig
-) -> Finding:
-    """The first of the checks that a trajectory fails, or :data:`PASSED`."""
+    trajectory: Trajectory, forecast: Forecast, area: shapely.Geometry, config: VerifyConfig,
+    tail: int | None = None,
+) -> Finding:  # fmt: skip
+    """The first of the checks that a trajectory fails, or :data:`PASSED`.
+
+    Args:
+        trajectory: what is checked.
+        forecast: of the others.
+        area: the drivable area.
+        config: margins and tolerances.
+        tail: time step after which it is a contingency that a later plan will most likely replace:
+            there the body may be ``config.tail_road`` off the road; None: nowhere.
+    """
+    allowed = np.zeros(len(trajectory))
+    if tail is not None:
+        allowed[trajectory.steps > tail] = config.tail_road
     for finding in (
         check_kinematics(trajectory, config.position_tolerance),
         check_collision(trajectory, forecast, config.margin),
-        check_road(trajectory, area),
+        check_road(trajectory, area, allowed),
     ):
         if not finding.ok:
             return finding
@@ -134,15 +147,19 @@ def separation(states: Array, boxes: Array) -> Array:
     return gap
 
 
-def check_road(trajectory: Trajectory, area: shapely.Geometry) -> Finding:
-    """The body stays on the drivable area, or no further off it than it is at the first state."""
+def check_road(
+    trajectory: Trajectory, area: shapely.Geometry, allowed: Array | float = 0.0
+) -> Finding:
+    """The body stays on the drivable area, or no further off it than it is at the first state, or
+    than is allowed, (n + 1,) areas [m^2]."""
     bodies = shapely.polygons(rectangles(trajectory.states))
     inside = shapely.covers(area, bodies)
     if inside[1:].all():
         return PASSED
     outside = np.zeros(len(bodies))
     outside[~inside] = shapely.area(shapely.difference(bodies[~inside], area))
-    bad = outside[1:] > outside[0] + OFF_ROAD
+    least = np.maximum(outside[0], np.broadcast_to(allowed, len(bodies))[1:])
+    bad = outside[1:] > least + OFF_ROAD
     if not bad.any():
         return PASSED
     k = int(np.argmax(bad)) + 1

@@ -2,7 +2,8 @@
 
 A plan is safe when it, followed by a fail-safe tail (braking to a standstill along the lane),
 passes verification. Where the others' motion is recorded, that is asked of the whole plan. Where
-it is a guess, the plan is verified as far as the guess is good, and the tail begins there. Should
+it is a guess, the plan is verified as far as the guess is good, and the tail begins there; such a
+tail, made anew in every cycle and hardly ever driven, may cut the road's edge a little. Should
 no plan pass, one that can still be broken off safely after the next replanning interval may be
 driven that long; after that only braking is left.
 """
@@ -18,11 +19,15 @@ BRAKING_SHARES = (0.3, 0.6, 1.0, 1.35)  # of the fail-safe deceleration, the sof
 
 
 class Guard:
-    """Verification of plans against one forecast; see the module."""
+    """Verification of plans against one forecast; see the module.
+
+    Attributes:
+        certain: time steps for which guessed motion is good enough to verify plans against it.
+    """
 
     def __init__(self, config: Config, dt: float) -> None:
         self._config, self._dt = config.verify, dt
-        self._certain = round(self._config.horizon / dt)
+        self.certain = round(self._config.horizon / dt)
         self._interval = max(round(config.drive.replan / dt), 1)
 
     def tail(self, road: Road, trajectory: Trajectory) -> Trajectory:
@@ -34,7 +39,7 @@ class Guard:
         """The finding on a plan that is to be driven from time step ``now`` on."""
         if forecast.exact:
             return verify(trajectory, forecast, road.area, self._config)
-        return self._broken_off(trajectory, road, forecast, now + self._certain)
+        return self._broken_off(trajectory, road, forecast, now + self.certain)
 
     def until_next(
         self, trajectory: Trajectory, road: Road, forecast: Forecast, now: int
@@ -49,7 +54,7 @@ class Guard:
             near, braking = trajectory.until(step), self._config.braking
             tail = braking_along(road, trajectory, step, braking, self._dt)
             trajectory = near.then(tail if tail is not None else self.tail(road, near))
-        return verify(trajectory, forecast, road.area, self._config)
+        return verify(trajectory, forecast, road.area, self._config, step)
 
     def emergency(
         self, road: Road, state: Array, step: int, forecast: Forecast
@@ -59,6 +64,7 @@ class Guard:
             braking_tail(road, state, step, share * self._config.braking, self._dt)
             for share in BRAKING_SHARES
         ]
-        checked = [(t, verify(t, forecast, road.area, self._config)) for t in tails]
+        soon = None if forecast.exact else step + self._interval
+        checked = [(t, verify(t, forecast, road.area, self._config, soon)) for t in tails]
         safe = [pair for pair in checked if pair[1].ok]
         return safe[0] if safe else max(reversed(checked), key=lambda c: c[1].step or 0)
