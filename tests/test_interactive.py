@@ -17,7 +17,6 @@ from mpcplan.task import task_of
 FOLDER = Path(__file__).resolve().parents[1] / "scenarios" / "interactive"
 SHORT = "ZAM_SlowTraffic-1_1_I-1-1"
 NAMES = sorted(path.name for path in FOLDER.iterdir() if path.is_dir())
-UNSOLVED = {"ZAM_DenseMerge-1_1_I-1-1": "no gap is found before the ramp ends"}
 
 
 def solved_files(name: str, out: Path, seed: str) -> dict[str, bytes]:
@@ -116,15 +115,7 @@ def test_a_scenario_with_two_problems_is_refused_as_interactive(tmp_path: Path) 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=pytest.mark.xfail(reason=UNSOLVED[name]))
-        if name in UNSOLVED
-        else name
-        for name in NAMES
-    ],
-)
+@pytest.mark.parametrize("name", NAMES)
 def test_bundled_interactive_scenarios_are_solved(name: str, tmp_path: Path) -> None:
     from mpcplan.score.judge import judge_run
 
