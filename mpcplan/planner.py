@@ -125,7 +125,7 @@ class Planner:
         levels = () if cycle.forecast.exact else self.config.predict.hope
         for later in levels:
             hopeful = replace(cycle, certain=self._guard.certain + round(later / self.dt))
-            seeds, _ = self._seeds_of(hopeful, self._current_road, Effort.ALWAYS)
+            seeds, _ = self._seeds_of(hopeful, self._current_road, Effort.PLAIN)
             reaching = [seed for seed in seeds if seed.reaches_goal]
             for seed in distinct(reaching, self.config.seed.finalists):
                 told = replace(seed, source=f"{HOPEFUL} {seed.source}")

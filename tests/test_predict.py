@@ -18,6 +18,7 @@ from mpcplan.errors import InputError
 from mpcplan.observation import Box, Forecast, Observation, Snapshot
 from mpcplan.predict.constant_input import ConstantInput
 from mpcplan.predict.lane_follow import LaneFollow
+from mpcplan.predict.lateness import LateEgo
 from mpcplan.predict.occupancy import occupancy
 from mpcplan.predict.predictor import make_predictor
 from mpcplan.predict.recorded import Recorded, record, static_ids
@@ -329,3 +330,26 @@ def test_occupancy_until_a_time_step_keeps_those_that_stand():
     seen = near.window(10, 30)
     assert np.isfinite(seen.s[0]).tolist() == [True] * 6 + [False] * 24
     assert np.isfinite(seen.s[1]).all()
+
+
+def test_boxes_for_a_late_ego_vehicle_cover_what_they_cover_a_step_later():
+    seen = watched(lambda t: 10 * t, lambda t: 0, lambda t: 0.0, lambda t: 10.0)
+    plain = ConstantInput(PredictConfig(), DT)(seen)
+    task = Task(None, None, None, DT, None)
+    config = PredictConfig(kind="constant_input", lateness=DT)
+    predictor = make_predictor(task, config)
+    late = predictor(seen)
+    assert np.array_equal(late.boxes[:, 0], plain.boxes[:, 0])  # seen, not guessed
+    rear, front = (late.boxes[0, 1:, Box.X] + sign * late.boxes[0, 1:, Box.LENGTH] / 2
+                   for sign in (-1, 1))  # fmt: skip
+    centre, half = plain.boxes[0, :, Box.X], 4.5 / 2
+    assert rear == pytest.approx(centre[1:] - half)
+    assert front[:-1] == pytest.approx(centre[2:] + half)
+    assert late.boxes[0, :, Box.WIDTH] == pytest.approx(1.8)
+
+
+def test_the_same_forecast_is_extended_once():
+    seen = watched(lambda t: 10 * t, lambda t: 0, lambda t: 0.0, lambda t: 10.0)
+    known = ConstantInput(PredictConfig(), DT)(seen)
+    late = LateEgo(lambda _: known, DT)
+    assert late(seen) is late(seen)  # who compares forecasts sees that nothing is new

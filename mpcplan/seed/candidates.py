@@ -23,6 +23,7 @@ class Effort(Enum):
     NEVER = "never"
     IF_NEEDED = "if needed"  # where no candidate of the lattice reaches the goal
     ALWAYS = "always"
+    PLAIN = "plain"  # always, but not with the narrowest margins where it fails
 
 
 def find_seeds(
@@ -37,11 +38,12 @@ def find_seeds(
     grid = lattice(road, state, acceleration, step, occupancy, config, dt)
     seeds, reports = list(grid.seeds), [grid.report]
     reached = any(seed.reaches_goal for seed in seeds)
-    asked = effort is Effort.ALWAYS or (effort is Effort.IF_NEEDED and not reached)
+    asked = effort in (Effort.ALWAYS, Effort.PLAIN)
+    asked = asked or (effort is Effort.IF_NEEDED and not reached)
     if config.seed.search and asked:
         found, report = _searched(road, grid, grid.blocked, "search", step, config, dt)
         seeds, reports = seeds + found, [*reports, report]
-        if not any(seed.reaches_goal for seed in seeds):
+        if effort is not Effort.PLAIN and not any(seed.reaches_goal for seed in seeds):
             near = block(grid.window, grid.paths, _tight(config), config.cost)
             found, report = _searched(road, grid, near, "tight search", step, config, dt)
             seeds, reports = seeds + found, [*reports, report]
