@@ -360,20 +360,15 @@ def _compare(args: argparse.Namespace) -> int:
 
 def _forecasts(args: argparse.Namespace) -> int:
     with quiet():
+        from mpcplan.bench.files import write_whole, writing_to
         from mpcplan.bench.forecasts import as_csv, as_table, forecast_errors
 
         errors = forecast_errors(args.results)
         if args.csv is not None:
-            _write_text(args.csv, as_csv(errors))
+            with writing_to(args.csv):
+                write_whole(args.csv, as_csv(errors))
     print(f"displacement of the centres [m]\n{as_table(errors)}")
     return OK
-
-
-def _write_text(path: Path, text: str) -> None:
-    try:
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"cannot write {path}: {error.strerror or error}") from error
 
 
 def _twin(args: argparse.Namespace) -> int:

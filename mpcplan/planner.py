@@ -100,9 +100,9 @@ class Planner:
         options: list[Option] = []
         refused: list[Option] = []
         last = self._continue(cycle)
-        if last is not None and self._last is not None:
-            rest = self._last.trajectory.since(cycle.observation.step)
-            self._developer.develop(cycle, last, options, refused, rest)
+        if last is not None:
+            seed, rest = last
+            self._developer.develop(cycle, seed, options, refused, rest)
         goes_on = any(option.reaches_goal for option in options)
         seeds, reports = self._seeds(cycle, goes_on)
         if options:
@@ -160,8 +160,8 @@ class Planner:
                 road, seen.state, seen.acceleration, seen.step, around, self.config, self.dt, effort
             )
 
-    def _continue(self, cycle: Cycle) -> Seed | None:
-        """What is left of the last plan, as a seed."""
+    def _continue(self, cycle: Cycle) -> tuple[Seed, Trajectory] | None:
+        """What is left of the last plan: as a seed, and as it was."""
         if self._last is None or self._last.seed is None:
             return None
         last, seed, seen = self._last, self._last.seed, cycle.observation
@@ -169,9 +169,10 @@ class Planner:
             return None
         rest = last.trajectory.since(seen.step)
         states = frenet_states(seed.road.frame, rest, seen.acceleration)
-        return Seed(
+        again = Seed(
             seed.road, seen.step, states, last.cost, last.reaches_goal, LAST_PLAN, seed.label
         )
+        return again, rest
 
     # -- choice and fallbacks ---------------------------------------------------------------------
 

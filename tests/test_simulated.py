@@ -12,7 +12,7 @@ from mpcplan.observation import Box, Snapshot, as_forecast
 from mpcplan.predict.recorded import kinds_of, record, static_ids
 from mpcplan.scenario import LoadedScenario, load
 from mpcplan.score import judge
-from mpcplan.score.referee import check
+from mpcplan.score.referee import evaluate
 from mpcplan.simulate import loop
 from mpcplan.simulate import replay as replaying
 from mpcplan.simulate.loop import drive
@@ -203,6 +203,6 @@ def test_a_collision_with_simulated_traffic_is_seen_by_the_checker(
         Snapshot(step, (9,), box[None], ("car",)) for step in drive_.trajectory.steps.tolist()
     ]
     path = write_simulated(run.loaded, others, tmp_path / "wall.xml")
-    ok, reason = check("no_collision", path, run.write_solution(tmp_path))
-    assert not ok
-    assert "obstacle 9 " in reason
+    verdict = evaluate(path, run.write_solution(tmp_path))
+    assert not verdict.checks["no_collision"]
+    assert "obstacle 9 " in verdict.reasons["no_collision"]

@@ -2,7 +2,8 @@
 
 At each iterate the quadratic model is solved for a step p, which is shortened by halving until the
 merit function phi(z) = objective + slack penalties + rho |defects|_1 falls (Nocedal and Wright,
-Numerical Optimization, ch. 18). KKT residuals are computed here from the multipliers, not taken
+Numerical Optimization, ch. 18). Where no shortened step does that, the model is solved again with
+more Levenberg-Marquardt damping. KKT residuals are computed here from the multipliers, not taken
 from the QP solver.
 """
 

@@ -10,18 +10,13 @@ from pathlib import Path
 from typing import Any
 
 import commonroad_dc.feasibility.solution_checker as checker
-import numpy as np
-from commonroad.common.solution import (
-    CommonRoadSolutionReader,
-    CostFunction,
-    PlanningProblemSolution,
-    Solution,
-)
+from commonroad.common.solution import CostFunction, PlanningProblemSolution, Solution
 from commonroad.planning.planning_problem import PlanningProblemSet
 from commonroad.scenario.scenario import Scenario
 
 from mpcplan.errors import InputError
 from mpcplan.scenario import load
+from mpcplan.score.solution_file import read_solution
 from mpcplan.trajectory import Array
 
 
@@ -78,23 +73,6 @@ def read_scenario(path: Path) -> tuple[Scenario, PlanningProblemSet, Array]:
     """Scenario, problems and the file coordinates [m] of their origin; raises InputError."""
     loaded = load(path)
     return loaded.scenario, loaded.problem_set, loaded.origin
-
-
-def read_solution(path: Path) -> Solution:
-    """The solution file; raises InputError when it is broken or holds no states."""
-    try:
-        solution = CommonRoadSolutionReader.open(str(path))
-    except Exception as error:  # the reader raises whatever the broken place makes it raise
-        raise InputError(f"{path} is not a readable solution: {error}") from error
-    for part in solution.planning_problem_solutions:
-        for state in part.trajectory.state_list:
-            values = [getattr(state, name) for name in state.used_attributes]
-            if not all(np.all(np.isfinite(value)) for value in values):
-                raise InputError(
-                    f"{path}: problem {part.planning_problem_id}, step {state.time_step}: "
-                    "a value is not a finite number"
-                )
-    return solution
 
 
 _built: dict[int, Any] = {}

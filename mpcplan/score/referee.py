@@ -23,7 +23,7 @@ from mpcplan.errors import InputError, RefereeError
 from mpcplan.score.tr1 import CHECKER_WEIGHTS, REPORT_WEIGHTS, tr1
 from mpcplan.score.verdict import CHECKS, Verdict
 
-__all__ = ["Verdict", "check", "evaluate", "evaluate_with_late"]
+__all__ = ["Verdict", "evaluate", "evaluate_with_late"]
 
 LATE = "no_collision_late"
 """The task of the collision check on the late traffic."""
@@ -40,7 +40,7 @@ _NAMES = {
 class _Answers:
     """What the children have answered so far: one result per task and the common header."""
 
-    tasks: tuple[str, ...] = TASKS
+    tasks: tuple[str, ...]
     header: dict[str, Any] = field(default_factory=dict)
     results: dict[str, dict[str, Any]] = field(default_factory=dict)
 
@@ -62,7 +62,7 @@ def evaluate(scenario: str | Path, solution: str | Path, timeout_s: float = 180.
         InputError: a file is missing, cannot be read, or the two do not belong together.
         RefereeError: the child died twice.
     """
-    return _verdict(_ask(Path(scenario), Path(solution), timeout_s, TASKS))
+    return _verdict(_ask(Path(scenario), Path(solution), timeout_s))
 
 
 def evaluate_with_late(
@@ -73,36 +73,19 @@ def evaluate_with_late(
     Returns:
         the verdict, whether the solution is free of collisions in ``late``, and the reason if not.
     """
-    tasks = (*TASKS, LATE)
-    answers = _ask(Path(scenario), Path(solution), timeout_s, tasks, Path(late))
+    answers = _ask(Path(scenario), Path(solution), timeout_s, Path(late))
     answer = answers.results[LATE]
     return _verdict(answers), bool(answer["ok"]), str(answer["reason"])
 
 
-def check(
-    name: str, scenario: str | Path, solution: str | Path, timeout_s: float = 180.0
-) -> tuple[bool, str]:
-    """One of the official checks alone: whether it passed, and the reason where it did not.
-
-    Args:
-        name: one of :data:`mpcplan.score.verdict.CHECKS`.
-        scenario, solution, timeout_s: as for :func:`evaluate`, with the same errors.
-    """
-    answer = _ask(Path(scenario), Path(solution), timeout_s, (name,)).results[name]
-    return bool(answer["ok"]), str(answer["reason"])
-
-
-def _ask(
-    scenario: Path, solution: Path, timeout_s: float, tasks: tuple[str, ...],
-    late: Path | None = None,
-) -> _Answers:  # fmt: skip
+def _ask(scenario: Path, solution: Path, timeout_s: float, late: Path | None = None) -> _Answers:
     """All answers, from a second child where the first one died."""
     for what, path in (("scenario", scenario), ("solution", solution), ("late scenario", late)):
         if path is not None and not path.is_file():
             raise InputError(f"{what} file not found: {path}")
     files = [str(path) for path in (scenario, solution)]
     options = ["--late", str(late)] if late is not None else []
-    answers = _Answers(tasks)
+    answers = _Answers((*TASKS, LATE) if late is not None else TASKS)
     end = _run_child(files, options, timeout_s, answers)
     if end.broken:
         _give_up(end, answers)

@@ -38,8 +38,8 @@ def find_seeds(
     grid = lattice(road, state, acceleration, step, occupancy, config, dt)
     seeds, reports = list(grid.seeds), [grid.report]
     reached = any(seed.reaches_goal for seed in seeds)
-    asked = effort in (Effort.ALWAYS, Effort.PLAIN)
-    asked = asked or (effort is Effort.IF_NEEDED and not reached)
+    always = effort in (Effort.ALWAYS, Effort.PLAIN)
+    asked = always or (effort is Effort.IF_NEEDED and not reached)
     if config.seed.search and asked:
         found, report = _searched(road, grid, grid.blocked, "search", step, config, dt)
         seeds, reports = seeds + found, [*reports, report]
