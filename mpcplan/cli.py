@@ -263,8 +263,13 @@ def _times(what: str, of: str, times_ms: "np.ndarray") -> list[str]:
 
     if not len(times_ms):
         return []
-    p50, p95, top = (f"{value:.3g} ms" for value in np.percentile(times_ms, (50, 95, 100)))
+    p50, p95, top = map(_milliseconds, np.percentile(times_ms, (50, 95, 100)))
     return [f"{what:<10}{len(times_ms)} {of}, p50 {p50}, p95 {p95}, longest {top}"]
+
+
+def _milliseconds(value: float) -> str:
+    """Three digits at least, and never an exponent."""
+    return f"{value:.3g} ms" if value < 1000 else f"{value:.0f} ms"
 
 
 def _outcome(run: "Run", verdict: "Verdict | None") -> str:
