@@ -5,6 +5,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+WORKER = (sys.executable, "-m", "mpcplan.bench.worker")
+"""How the command of the package's own worker begins."""
 OWN_PLANNER = "mpcplan"
 """The planner of this package, in place of 'package.module:Class'."""
 
@@ -44,7 +46,7 @@ Command = Callable[[Job], list[str]]
 def worker_command(job: Job) -> list[str]:
     """The command that plans, drives and judges one scenario."""
     return [
-        *(sys.executable, "-m", "mpcplan.bench.worker"),
+        *WORKER,
         *(str(job.scenario), str(job.out), str(job.row)),
         *("--config", str(job.config), "--planner", job.planner, "--end-with-parent"),
     ]

@@ -4,18 +4,19 @@ import os
 import re
 import resource
 import signal
-import subprocess
 import threading
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from mpcplan.bench.child import Child, Nursery, Program
+from mpcplan.bench.job import WORKER
+
 GRACE_S = 2.0
 """Time [s] between the request to end (SIGTERM) and the end by force (SIGKILL)."""
 
-_ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _MEMORY = re.compile(
     r"MemoryError|bad_alloc|Cannot allocate memory|out of memory|failed to map segment", re.I
 )
@@ -48,6 +49,8 @@ class Processes:
     def __init__(self) -> None:
         """Nothing runs yet."""
         self._running: set[int] = set()
+        self._idle: list[Nursery] = []
+        self._loading: list[Nursery] = []
         self._lock = threading.Lock()
         self._stopped = False
 
@@ -58,7 +61,9 @@ class Processes:
 
         At the time limit the process gets SIGTERM, so that it can say how far it came, and with its
         children SIGKILL ``GRACE_S`` later. Its standard input is a pipe from this process: a worker
-        that reads the pipe's end knows that nobody is left to limit it.
+        that sees the pipe's end knows that nobody is left to limit it. The package's own workers
+        come from a nursery, which loads once what they all need; other commands are started as
+        programs.
 
         Args:
             command: program and arguments.
@@ -72,55 +77,71 @@ class Processes:
             InterruptedError: :meth:`stop` has been called before the start.
             OSError: the process cannot be started.
         """
-        start = time.monotonic()
-        process = self._start(command, scratch, log)
-        _limit_memory(process.pid, memory_mb)
+        if tuple(command[: len(WORKER)]) != WORKER:
+            return self._run(lambda: Program(command, scratch, log), timeout_s, memory_mb)
+        nursery, arguments = self._nursery(), command[len(WORKER) :]
+        try:
+            return self._run(lambda: nursery.start(arguments, scratch, log), timeout_s, memory_mb)
+        finally:
+            self._give_back(nursery)
+
+    def _run(self, start: Callable[[], Child], timeout_s: float, memory_mb: float) -> End:
+        began = time.monotonic()
+        with self._lock:
+            self._refuse_when_stopped()
+            child = start()
+            self._running.add(child.pid)
+        _limit_memory(child.pid, memory_mb)
         expired = threading.Event()
 
         def expire() -> None:
             expired.set()
-            self._end([process.pid])
+            self._end([child.pid])
 
         timer = threading.Timer(timeout_s, expire)
         timer.daemon = True
         timer.start()
-        code, peak_mb = self._wait(process)
-        timer.cancel()
-        return End(code, expired.is_set(), self._stopped, time.monotonic() - start, peak_mb)
-
-    def _start(self, command: Sequence[str], scratch: Path, log: Path) -> subprocess.Popen[bytes]:
-        """Start a process in a group of its own, so that its children die with it."""
-        with log.open("wb") as output, self._lock:
-            if self._stopped:
-                raise InterruptedError("stopped before the start")
-            process = subprocess.Popen(
-                command,
-                stdin=subprocess.PIPE,
-                stdout=output,
-                stderr=output,
-                env={**worker_environment(), "TMPDIR": str(scratch)},
-                start_new_session=True,
-            )
-            self._running.add(process.pid)
-        return process
-
-    def _wait(self, process: subprocess.Popen[bytes]) -> tuple[int, float]:
-        """Exit code and largest memory [MB] of a process, once it and its children are gone."""
-        os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)  # it keeps its id for now
+        child.wait()
         with self._lock:
-            self._running.discard(process.pid)
-            kill_group(process.pid)  # children that outlived it
-            _, status, usage = os.wait4(process.pid, 0)
-        process.returncode = os.waitstatus_to_exitcode(status)
-        if process.stdin is not None:
-            process.stdin.close()
-        return process.returncode, usage.ru_maxrss / 1024
+            self._running.discard(child.pid)
+            kill_group(child.pid)  # children that outlived it
+            code, peak_mb = child.reap()
+        timer.cancel()
+        return End(code, expired.is_set(), self._stopped, time.monotonic() - began, peak_mb)
+
+    def _refuse_when_stopped(self) -> None:
+        if self._stopped:
+            raise InterruptedError("stopped before the start")
+
+    def _nursery(self) -> Nursery:
+        """A nursery that is free: one that is left, or a new one."""
+        with self._lock:
+            self._refuse_when_stopped()
+            if self._idle:
+                return self._idle.pop()
+            nursery = Nursery()
+            self._loading.append(nursery)
+        nursery.ready()
+        with self._lock:
+            self._loading.remove(nursery)
+        return nursery
+
+    def _give_back(self, nursery: Nursery) -> None:
+        """Keep a nursery for the next worker, if it is still good and there may be one."""
+        with self._lock:
+            if nursery.alive and not self._stopped:
+                self._idle.append(nursery)
+            else:
+                nursery.close()
 
     def stop(self) -> None:
         """End all that run, with ``GRACE_S`` to say a last word, and start no more."""
         with self._lock:
             self._stopped = True
             pids = list(self._running)
+            for nursery in (*self._idle, *self._loading):
+                nursery.close()
+            self._idle.clear()
         self._end(pids)
 
     def _end(self, pids: Sequence[int]) -> None:
@@ -139,14 +160,6 @@ class Processes:
                 else:
                     with suppress(ProcessLookupError):
                         os.kill(pid, number)
-
-
-def worker_environment() -> dict[str, str]:
-    """One thread per process (the processes are the parallelism), this package importable."""
-    root = str(Path(__file__).resolve().parents[2])
-    path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
-    fixed = {"PYTHONPATH": path, "MPLBACKEND": "Agg", **dict.fromkeys(_ONE_THREAD, "1")}
-    return {**os.environ, **fixed}
 
 
 def _limit_memory(pid: int, memory_mb: float) -> None:

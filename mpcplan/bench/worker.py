@@ -15,10 +15,12 @@ import gzip
 import json
 import os
 import resource
+import select
 import signal
 import sys
 import threading
 import traceback
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -140,9 +142,10 @@ def _verified(run: "Run") -> bool:
 def _judge(run: "Run", folder: Path) -> "Judgement | None":
     """The verdicts; a run that is not solved may well have no solution to judge."""
     from mpcplan.score.judge import judge_run
+    from mpcplan.score.referee_start import as_fork
 
     try:
-        return judge_run(run, folder)
+        return judge_run(run, folder, start=as_fork)
     except Exception:
         if run.solved:
             raise
@@ -171,26 +174,28 @@ def _place(error: BaseException) -> str:
 def end_with_parent() -> None:
     """Kill this process's group when standard input, a pipe from the parent, comes to its end.
 
-    A parent that was killed can limit and stop nobody any more.
+    A parent that was killed can limit and stop nobody any more. Nothing is read: what comes through
+    the pipe is for the nursery, where there is one.
     """
+    pipe = select.poll()
+    pipe.register(0, 0)  # the pipe's end is told whatever is asked for
 
     def wait() -> None:
-        while os.read(0, 1):
-            pass
+        pipe.poll()
         os.killpg(0, signal.SIGKILL)
 
     threading.Thread(target=wait, daemon=True).start()
 
 
-def main() -> None:
-    """Read the command line, work, write the row."""
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Work and write the row; without arguments those of the command line."""
     parser = argparse.ArgumentParser(prog="mpcplan.bench.worker")
     for name in ("scenario", "out", "row"):
         parser.add_argument(name, type=Path)
     parser.add_argument("--config", type=Path, required=True)
     parser.add_argument("--planner", default=OWN_PLANNER)
     parser.add_argument("--end-with-parent", action="store_true")
-    args = parser.parse_args()
+    args = parser.parse_args(arguments)
     worker = Worker(args.scenario, args.out, args.row, args.config, args.planner)
     signal.signal(signal.SIGTERM, worker.cut)
     if args.end_with_parent:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from mpcplan.errors import MpcplanError
 from mpcplan.score.referee import evaluate, evaluate_with_late
+from mpcplan.score.referee_start import Start, as_program
 from mpcplan.score.verdict import Verdict
 from mpcplan.simulate.replay import Replay, replay
 from mpcplan.simulate.run import Run
@@ -43,32 +44,40 @@ class Judgement:
     files: tuple[Path, ...]
 
 
-def judge_run(run: Run, folder: Path, timeout_s: float = 180.0) -> Judgement:
+def judge_run(
+    run: Run, folder: Path, timeout_s: float = 180.0, start: Start = as_program
+) -> Judgement:
     """Writes solution and simulated traffic into a folder and judges them.
+
+    Args:
+        run: what was driven.
+        folder: for the files.
+        timeout_s: time limit of one of the referee's child processes [s].
+        start: starts those.
 
     Raises:
         RefereeError: the checker died twice.
     """
     solution = run.write_solution(folder)
     if not run.loaded.interactive:
-        return Judgement(evaluate(run.loaded.path, solution, timeout_s), None, (solution,))
+        return Judgement(evaluate(run.loaded.path, solution, timeout_s, start), None, (solution,))
     simulated = write_simulated(
         run.loaded, run.drives[0].others, folder / f"{run.loaded.id}.simulated.cr.xml",
         "the traffic as simulated with the solution",
     )  # fmt: skip
     files = (solution, simulated)
     if not run.solved:
-        return Judgement(evaluate(simulated, solution, timeout_s), None, files)
+        return Judgement(evaluate(simulated, solution, timeout_s, start), None, files)
     try:
         late = replay(run.loaded, run.loaded.problems[0], run.drives[0].trajectory, LAG)
     except MpcplanError as error:
-        verdict = evaluate(simulated, solution, timeout_s)
+        verdict = evaluate(simulated, solution, timeout_s, start)
         return _judgement(verdict, Late(False, f"the replay failed: {error}"), files)
     path = write_simulated(
         run.loaded, late.others, folder / f"{run.loaded.id}.late.cr.xml",
         f"the traffic as simulated with the ego {LAG} time step late",
     )  # fmt: skip
-    verdict, free, reason = evaluate_with_late(simulated, path, solution, timeout_s)
+    verdict, free, reason = evaluate_with_late(simulated, path, solution, timeout_s, start)
     return _judgement(verdict, _late(late, free, reason), (*files, path))
 
 

@@ -10,16 +10,14 @@ longer than most checks.
 
 import json
 import math
-import os
 import signal
-import subprocess
-import sys
 import tempfile
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from mpcplan.errors import InputError, RefereeError
+from mpcplan.score.referee_start import Start, as_program
 from mpcplan.score.tr1 import CHECKER_WEIGHTS, REPORT_WEIGHTS, tr1
 from mpcplan.score.verdict import CHECKS, Verdict
 
@@ -28,7 +26,6 @@ __all__ = ["Verdict", "evaluate", "evaluate_with_late"]
 LATE = "no_collision_late"
 """The task of the collision check on the late traffic."""
 TASKS = (*CHECKS, "cost")
-_CHILD = "mpcplan.score.referee_child"
 _NAMES = {
     "on_road": "the boundary check",
     "cost": "the cost evaluation",
@@ -50,35 +47,44 @@ class _Answers:
         return [task for task in self.tasks if task not in self.results]
 
 
-def evaluate(scenario: str | Path, solution: str | Path, timeout_s: float = 180.0) -> Verdict:
+def evaluate(
+    scenario: str | Path, solution: str | Path, timeout_s: float = 180.0, start: Start = as_program
+) -> Verdict:
     """Judge a solution file by the official checker.
 
     Args:
         scenario: CommonRoad scenario file.
         solution: CommonRoad solution file.
         timeout_s: time limit of one child process [s]; there are at most two.
+        start: starts a child process.
 
     Raises:
         InputError: a file is missing, cannot be read, or the two do not belong together.
         RefereeError: the child died twice.
     """
-    return _verdict(_ask(Path(scenario), Path(solution), timeout_s))
+    return _verdict(_ask(Path(scenario), Path(solution), timeout_s, start))
 
 
 def evaluate_with_late(
-    scenario: str | Path, late: str | Path, solution: str | Path, timeout_s: float = 180.0
+    scenario: str | Path,
+    late: str | Path,
+    solution: str | Path,
+    timeout_s: float = 180.0,
+    start: Start = as_program,
 ) -> tuple[Verdict, bool, str]:
     """As :func:`evaluate`, with the official collision check on a second scenario of traffic.
 
     Returns:
         the verdict, whether the solution is free of collisions in ``late``, and the reason if not.
     """
-    answers = _ask(Path(scenario), Path(solution), timeout_s, Path(late))
+    answers = _ask(Path(scenario), Path(solution), timeout_s, start, Path(late))
     answer = answers.results[LATE]
     return _verdict(answers), bool(answer["ok"]), str(answer["reason"])
 
 
-def _ask(scenario: Path, solution: Path, timeout_s: float, late: Path | None = None) -> _Answers:
+def _ask(
+    scenario: Path, solution: Path, timeout_s: float, start: Start, late: Path | None = None
+) -> _Answers:
     """All answers, from a second child where the first one died."""
     for what, path in (("scenario", scenario), ("solution", solution), ("late scenario", late)):
         if path is not None and not path.is_file():
@@ -86,10 +92,10 @@ def _ask(scenario: Path, solution: Path, timeout_s: float, late: Path | None = N
     files = [str(path) for path in (scenario, solution)]
     options = ["--late", str(late)] if late is not None else []
     answers = _Answers((*TASKS, LATE) if late is not None else TASKS)
-    end = _run_child(files, options, timeout_s, answers)
+    end = _run_child(files, options, timeout_s, start, answers)
     if end.broken:
         _give_up(end, answers)
-        end = _run_child(files, options, timeout_s, answers)
+        end = _run_child(files, options, timeout_s, start, answers)
         if end.broken:
             raise RefereeError(f"the official checker died twice, last {end}")
     return answers
@@ -117,36 +123,18 @@ def _give_up(end: _End, answers: _Answers) -> None:
         answers.results[end.task] = {"ok": False, "reason": str(end)}
 
 
-def _run_child(files: list[str], options: list[str], timeout_s: float, answers: _Answers) -> _End:
+def _run_child(
+    files: list[str], options: list[str], timeout_s: float, start: Start, answers: _Answers
+) -> _End:
     """One child for the tasks that are missing; its answers are added to ``answers``."""
     with tempfile.TemporaryDirectory(prefix="mpcplan-referee-") as folder:
         answer, log = Path(folder, "answer.jsonl"), Path(folder, "log.txt")
-        command = [sys.executable, "-m", _CHILD, *files, str(answer)]
-        with log.open("wb") as noise:
-            try:
-                code: int | None = subprocess.run(
-                    command + answers.missing + options,
-                    stdin=subprocess.DEVNULL,
-                    stdout=noise,
-                    stderr=noise,
-                    env=_environment(),
-                    timeout=timeout_s,
-                    check=False,
-                ).returncode
-            except subprocess.TimeoutExpired:
-                code = None
+        code = start([*files, str(answer), *answers.missing, *options], log, timeout_s)
         current, done = _read(answer, answers)
         if done:
             return _End(broken=False)
         how = f"did not finish within {timeout_s:g} s" if code is None else _death(code)
         return _End(True, current, how, _last_words(log))
-
-
-def _environment() -> dict[str, str]:
-    """The child's environment: this package importable, one thread, no window system."""
-    root = str(Path(__file__).resolve().parents[2])
-    path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
-    return {**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1", "MPLBACKEND": "Agg"}
 
 
 def _read(answer: Path, answers: _Answers) -> tuple[str, bool]:
