@@ -10,7 +10,7 @@ import pytest
 import straight_road as road
 
 from mpcplan.errors import InputError, RefereeError
-from mpcplan.score import referee
+from mpcplan.score import referee_start
 from mpcplan.score.referee import Verdict, evaluate
 from mpcplan.score.tr1 import CHECKER_WEIGHTS, REPORT_WEIGHTS, tr1
 from mpcplan.score.verdict import CHECKS, verdict_lines
@@ -188,8 +188,12 @@ def _fake_child(monkeypatch, tmp_path: Path, body: str) -> None:
         "def say(**message): out.write(json.dumps(message) + '\\n')\n"
         "def ok(task): say(begin=task); say(task=task, ok=True, reason='', parts=None)\n" + body
     )
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    monkeypatch.setattr(referee, "_CHILD", "fake_child")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))  # for a program
+    monkeypatch.syspath_prepend(tmp_path)  # for a fork
+    monkeypatch.setattr(referee_start, "CHILD", "fake_child")
+
+
+STARTS = pytest.mark.parametrize("start", [referee_start.as_program, referee_start.as_fork])
 
 
 CRASH_ON_ROAD = """
@@ -203,24 +207,35 @@ say(end=True)
 """
 
 
-def test_crash_in_one_check_costs_this_check_only(scenario, monkeypatch, tmp_path):
+@STARTS
+def test_crash_in_one_check_costs_this_check_only(scenario, monkeypatch, tmp_path, start):
     _fake_child(monkeypatch, tmp_path, CRASH_ON_ROAD)
-    verdict = _judge(scenario, road.straight())
+    solution = road.write_solution(scenario.parent, road.straight())
+    verdict = evaluate(scenario, solution, start=start)
     assert _failed(verdict) == ["on_road"]
     expected = "checker crashed (signal 11, SIGSEGV) during the boundary check"
     assert verdict.reasons["on_road"] == expected
 
 
-def test_a_child_that_always_dies_is_a_referee_error(scenario, monkeypatch, tmp_path):
+@STARTS
+def test_a_child_that_always_dies_is_a_referee_error(scenario, monkeypatch, tmp_path, start):
     _fake_child(monkeypatch, tmp_path, "sys.exit('no module of that kind')")
+    solution = road.write_solution(scenario.parent, road.straight())
     with pytest.raises(RefereeError, match=r"ended with code 1 during the start: no module"):
-        _judge(scenario, road.straight())
+        evaluate(scenario, solution, start=start)
 
 
-def test_a_check_that_hangs_is_stopped(scenario, monkeypatch, tmp_path):
+@STARTS
+def test_both_ways_to_start_the_child_give_one_verdict(scenario, start):
+    solution = road.write_solution(scenario.parent, road.straight())
+    assert evaluate(scenario, solution, start=start) == evaluate(scenario, solution)
+
+
+@STARTS
+def test_a_check_that_hangs_is_stopped(scenario, monkeypatch, tmp_path, start):
     hang = CRASH_ON_ROAD.replace("os.kill(os.getpid(), signal.SIGSEGV)", "time.sleep(60)")
     _fake_child(monkeypatch, tmp_path, hang)
     solution = road.write_solution(scenario.parent, road.straight())
-    verdict = evaluate(scenario, solution, timeout_s=1.0)
+    verdict = evaluate(scenario, solution, timeout_s=1.0, start=start)
     assert _failed(verdict) == ["on_road"]
     assert "did not finish within 1 s" in verdict.reasons["on_road"]

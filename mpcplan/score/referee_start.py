@@ -5,6 +5,7 @@ is for processes with one job (the benchmark's workers): it copies all they hold
 than that in a program with busy threads.
 """
 
+import faulthandler
 import multiprocessing
 import os
 import runpy
@@ -51,9 +52,11 @@ def as_fork(arguments: Sequence[str], log: Path, timeout_s: float) -> int | None
 
 def _become(arguments: Sequence[str], log: Path) -> None:
     """In the fork: the child's module from its first line, as a program would run it."""
+    faulthandler.disable()  # a crash here is told by the parent
     noise = os.open(log, os.O_WRONLY | os.O_CREAT, 0o666)
     for stream in (1, 2):
         os.dup2(noise, stream)
+    sys.stdout = sys.stderr = os.fdopen(noise, "w", buffering=1)
     sys.argv = [CHILD, *arguments]
     runpy.run_module(CHILD, run_name="__main__")
 

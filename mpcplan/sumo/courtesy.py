@@ -83,7 +83,7 @@ class Courtesy:
         corners = box_corners(box)
         area = shapely.Polygon(corners)
         bodies = []
-        for lane in self._graph.within(area.buffer(HALF_CAR)):
+        for lane in self._graph.within(area, HALF_CAR):
             if lane == known_lane:
                 continue
             line = self._graph.lanes[lane].line

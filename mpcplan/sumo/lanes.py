@@ -95,7 +95,8 @@ class LaneGraph:
         for lane in sorted(self.lanes):
             self._of_edge.setdefault(self.lanes[lane].edge, []).append(lane)
         self._ids = sorted(self.lanes)
-        self._tree = shapely.STRtree([self.lanes[lane].line for lane in self._ids])
+        self._lines = np.array([self.lanes[lane].line for lane in self._ids], object)
+        self._tree = shapely.STRtree(self._lines)
 
     def _collect(self) -> None:
         """All lanes; SUMO's list leaves those in junctions out."""
@@ -115,23 +116,26 @@ class LaneGraph:
         """Places within ``reach`` [m] on lanes that lead the way psi within an angle [rad], by lane
         id."""
         spot = shapely.Point(point)
+        reached = np.sort(self._tree.query(spot, predicate="dwithin", distance=reach))
+        offsets = shapely.line_locate_point(self._lines[reached], spot).tolist()
+        distances = shapely.distance(self._lines[reached], spot).tolist()
         found = []
-        for i in sorted(self._tree.query(spot, predicate="dwithin", distance=reach)):
+        for i, offset, distance in zip(reached, offsets, distances, strict=True):
             lane = self.lanes[self._ids[i]]
-            offset = float(lane.line.project(spot))
             turn = psi - lane.heading(offset)
             turn = math.atan2(math.sin(turn), math.cos(turn))
             if abs(turn) <= turn_max:
-                found.append(Place(lane.id, offset, float(lane.line.distance(spot)), turn))
+                found.append(Place(lane.id, offset, distance, turn))
         return found
 
     def nearest(self, point: Array) -> str:
         """The lane nearest to a point, whatever way it leads."""
         return self._ids[int(self._tree.nearest(shapely.Point(point)))]
 
-    def within(self, area: shapely.Geometry) -> tuple[str, ...]:
-        """The lanes that an area meets, sorted."""
-        return tuple(self._ids[i] for i in sorted(self._tree.query(area, predicate="intersects")))
+    def within(self, area: shapely.Geometry, reach: float = 0.0) -> tuple[str, ...]:
+        """The lanes within ``reach`` [m] of an area, sorted."""
+        found = self._tree.query(area, predicate="dwithin", distance=reach)
+        return tuple(self._ids[i] for i in sorted(found))
 
     def normal(self, lane: str) -> str:
         """The edge of a lane; of one in a junction that of the lane before it."""

@@ -78,9 +78,9 @@ def find_meetings(movers: Sequence[Mover]) -> list[Meeting]:
 def _entries(movers: Sequence[Mover]) -> dict[tuple[int, bool], list[Entry]]:
     """The vehicles in or before each conflict that is used from both sides, by side."""
     ways = [mover.way for mover in movers]
-    if not ways:
-        return {}
     counts = [len(way.zones) for way in ways]
+    if not any(counts):
+        return {}
     of = np.repeat(np.arange(len(movers)), counts)
     position, look, length = (
         np.array(values)[of]

@@ -15,7 +15,9 @@ from mpcplan.trajectory import Array, Trajectory
 from mpcplan.verify.drivability import Finding, verify
 from mpcplan.verify.failsafe import braking_along, braking_tail
 
-BRAKING_SHARES = (0.3, 0.6, 1.0, 1.35)  # of the fail-safe deceleration, the softest first
+# shares of the fail-safe deceleration that emergency braking tries
+SOFT_FIRST = (0.3, 0.6, 1.0, 1.35)  # where motion is a guess, which may well be too gloomy
+FIRM_FIRST = (1.0, 1.35, 0.6, 0.3)  # where it is known: to stop soon leaves most ways to go on
 
 
 class Guard:
@@ -59,12 +61,15 @@ class Guard:
     def emergency(
         self, road: Road, state: Array, step: int, forecast: Forecast
     ) -> tuple[Trajectory, Finding]:
-        """Braking along the lane: the softest that is safe, or what stays safe longest."""
-        tails = [
-            braking_tail(road, state, step, share * self._config.braking, self._dt)
-            for share in BRAKING_SHARES
-        ]
+        """Braking along the lane: the first that is safe (where motion is guessed the softest), or
+        what stays safe longest, of those the hardest."""
         soon = None if forecast.exact else step + self._interval
-        checked = [(t, verify(t, forecast, road.area, self._config, soon)) for t in tails]
-        safe = [pair for pair in checked if pair[1].ok]
-        return safe[0] if safe else max(reversed(checked), key=lambda c: c[1].step or 0)
+        checked = []
+        for share in FIRM_FIRST if forecast.exact else SOFT_FIRST:
+            tail = braking_tail(road, state, step, share * self._config.braking, self._dt)
+            finding = verify(tail, forecast, road.area, self._config, soon)
+            if finding.ok:
+                return tail, finding
+            checked.append((finding.step or 0, share, tail, finding))
+        _, _, tail, finding = max(checked, key=lambda found: found[:2])
+        return tail, finding
