@@ -339,6 +339,15 @@ def test_emergency_braking_is_the_softest_that_is_safe():
     assert tail.inputs[:, Input.A].min() < -8.0
 
 
+def test_emergency_braking_before_known_motion_is_firm_and_no_softer_than_it_must_be():
+    guard, state = Guard(Config(), DT), state_at(ROAD.frame, 30.0, v=10.0)
+    firm = guard.emergency(ROAD, state, 0, wall(200.0, exact=True))
+    soft = guard.emergency(ROAD, state, 0, wall(200.0))
+    assert firm[1].ok and soft[1].ok
+    assert firm[0].inputs[1, Input.A] == pytest.approx(-Config().verify.braking, rel=0.05)
+    assert soft[0].inputs[1, Input.A] > 0.5 * firm[0].inputs[1, Input.A]
+
+
 def test_boxes_have_their_columns():
     corners = box_corners(np.array([3.0, 4.0, math.pi / 2, 0.0, 6.0, 2.0]))
     assert sorted(corners.round(9).tolist()) == [[2, 1], [2, 7], [4, 1], [4, 7]]
