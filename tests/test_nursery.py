@@ -110,6 +110,18 @@ def test_a_nursery_that_dies_takes_its_worker_with_it_and_is_replaced(hanging):
     processes.stop()
 
 
+def test_a_nursery_that_died_while_nobody_needed_it_is_replaced(hanging):
+    processes = Processes()
+    (hanging / "broken.xml").write_text("<commonRoad")
+    assert _run(processes, hanging, "broken.xml").code == 0
+    first = processes._idle[0]
+    os.kill(first._process.pid, signal.SIGKILL)
+    fake_worker.until(lambda: not fake_worker.alive(first._process.pid))
+    assert _run(processes, hanging, "broken.xml").code == 0
+    assert processes._idle != [first]
+    processes.stop()
+
+
 def test_a_nursery_that_cannot_start_is_told(hanging, monkeypatch):
     monkeypatch.setattr("mpcplan.bench.child._NURSERY", (sys.executable, "-c", "raise SystemExit"))
     with pytest.raises(OSError, match="the process that starts the workers has died"):

@@ -339,7 +339,7 @@ def test_emergency_braking_is_the_softest_that_is_safe():
     assert tail.inputs[:, Input.A].min() < -8.0
 
 
-def test_emergency_braking_before_known_motion_is_firm_and_no_softer_than_it_must_be():
+def test_emergency_braking_is_firm_where_motion_is_known_and_soft_where_it_is_guessed():
     guard, state = Guard(Config(), DT), state_at(ROAD.frame, 30.0, v=10.0)
     firm = guard.emergency(ROAD, state, 0, wall(200.0, exact=True))
     soft = guard.emergency(ROAD, state, 0, wall(200.0))

@@ -14,7 +14,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol
 
-_ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+from mpcplan.environment import child_environment
+
 _NURSERY = (sys.executable, "-m", "mpcplan.bench.nursery")
 
 
@@ -50,7 +51,7 @@ class Program:
                 stdin=subprocess.PIPE,
                 stdout=output,
                 stderr=output,
-                env={**worker_environment(), "TMPDIR": str(scratch)},
+                env={**child_environment(), "TMPDIR": str(scratch)},
                 start_new_session=True,
             )
 
@@ -85,15 +86,14 @@ class Nursery:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
-            env=worker_environment(),
+            env=child_environment(),
             start_new_session=True,
         )
-        self._alive = True
 
     @property
     def alive(self) -> bool:
-        """Whether it answered last time."""
-        return self._alive
+        """Whether it can still start a child."""
+        return self._process.poll() is None
 
     def ready(self) -> None:
         """Returns when it has loaded everything, or has died."""
@@ -124,9 +124,7 @@ class Nursery:
 
     def close(self) -> None:
         """Ends it; once is enough, twice does no harm."""
-        self._alive = False
-        with suppress(ProcessLookupError):
-            self._process.kill()
+        self._process.kill()
         self._process.wait()
         for pipe in (self._process.stdin, self._process.stdout):
             if pipe is not None:
@@ -140,14 +138,17 @@ class Nursery:
             self._process.stdin.flush()
 
     def _hear(self) -> dict[str, Any]:
-        """Its next answer; nothing when it is dead."""
+        """Its next answer; nothing, and its end, when it does not answer any more."""
         assert self._process.stdout is not None
         try:
             line = self._process.stdout.readline()
         except ValueError:  # closed
             line = b""
-        self._alive = self._alive and bool(line)
-        return json.loads(line) if line else {}
+        if line:
+            answer: dict[str, Any] = json.loads(line)
+            return answer
+        self.close()
+        return {}
 
 
 class Forked:
@@ -168,11 +169,3 @@ class Forked:
     def reap(self) -> tuple[int, float]:
         """See :class:`Child`."""
         return self._nursery.reap()
-
-
-def worker_environment() -> dict[str, str]:
-    """One thread per process (the processes are the parallelism), this package importable."""
-    root = str(Path(__file__).resolve().parents[2])
-    path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
-    fixed = {"PYTHONPATH": path, "MPLBACKEND": "Agg", **dict.fromkeys(_ONE_THREAD, "1")}
-    return {**os.environ, **fixed}

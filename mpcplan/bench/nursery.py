@@ -24,7 +24,6 @@ import sys
 import tempfile
 import traceback
 from contextlib import suppress
-from pathlib import Path
 from typing import Any, TextIO
 
 LOADED = (
@@ -91,7 +90,7 @@ def _become_worker(request: dict[str, Any]) -> None:
     try:
         os.setsid()
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
-        log = os.open(Path(request["log"]), os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
+        log = os.open(request["log"], os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o666)
         for stream in (1, 2):
             os.dup2(log, stream)
         os.environ["TMPDIR"] = request["scratch"]

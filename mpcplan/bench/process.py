@@ -117,8 +117,11 @@ class Processes:
         """A nursery that is free: one that is left, or a new one."""
         with self._lock:
             self._refuse_when_stopped()
-            if self._idle:
-                return self._idle.pop()
+            while self._idle:
+                nursery = self._idle.pop()
+                if nursery.alive:
+                    return nursery
+                nursery.close()
             nursery = Nursery()
             self._loading.append(nursery)
         nursery.ready()

@@ -14,6 +14,8 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from mpcplan.environment import child_environment
+
 CHILD = "mpcplan.score.referee_child"
 
 Start = Callable[[Sequence[str], Path, float], int | None]
@@ -30,7 +32,7 @@ def as_program(arguments: Sequence[str], log: Path, timeout_s: float) -> int | N
                 stdin=subprocess.DEVNULL,
                 stdout=noise,
                 stderr=noise,
-                env=_environment(),
+                env=child_environment(),
                 timeout=timeout_s,
                 check=False,
             ).returncode
@@ -59,10 +61,3 @@ def _become(arguments: Sequence[str], log: Path) -> None:
     sys.stdout = sys.stderr = os.fdopen(noise, "w", buffering=1)
     sys.argv = [CHILD, *arguments]
     runpy.run_module(CHILD, run_name="__main__")
-
-
-def _environment() -> dict[str, str]:
-    """The program's environment: this package importable, one thread, no window system."""
-    root = str(Path(__file__).resolve().parents[2])
-    path = os.pathsep.join(filter(None, [root, os.environ.get("PYTHONPATH", "")]))
-    return {**os.environ, "PYTHONPATH": path, "OMP_NUM_THREADS": "1", "MPLBACKEND": "Agg"}

@@ -9,7 +9,7 @@ from mpcplan.errors import InputError
 
 
 def read_solution(path: Path) -> Solution:
-    """The solution file; raises InputError when it is broken or holds no states."""
+    """The solution file; raises InputError when it is broken or a value in it not finite."""
     try:
         solution = CommonRoadSolutionReader.open(str(path))
     except Exception as error:  # the reader raises whatever the broken place makes it raise

@@ -14,6 +14,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+from mpcplan.environment import before, child_environment
 from mpcplan.errors import InputError
 
 TIME_LIMIT = 300.0  # s; maps take 0.2 to 2 s
@@ -91,18 +92,16 @@ def _run(scenario: Path, net: Path, answer: Path, log: Path, time_limit: float) 
 
 
 def _environment() -> dict[str, str]:
-    """The child's environment: this package and netconvert to be found first, sets always in the
-    same order (the converter writes them), no window system."""
-    root = str(Path(__file__).resolve().parents[2])
+    """The child's environment: netconvert to be found first, sets always in the same order (the
+    converter writes them)."""
     netconvert = _netconvert()
     assert netconvert is not None  # checked before
-    search = {"PYTHONPATH": root, "PATH": str(netconvert.parent)}
-    joined = {
-        name: os.pathsep.join(filter(None, [first, os.environ.get(name, "")]))
-        for name, first in search.items()
+    return {
+        **child_environment(),
+        "PATH": before("PATH", str(netconvert.parent)),
+        "SUMO_HOME": str(netconvert.parents[1]),
+        "PYTHONHASHSEED": "0",
     }
-    fixed = {"SUMO_HOME": str(netconvert.parents[1]), "PYTHONHASHSEED": "0", "MPLBACKEND": "Agg"}
-    return {**os.environ, **joined, **fixed}
 
 
 def _error(answer: Path) -> str | None:
