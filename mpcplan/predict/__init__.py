@@ -1,0 +1,1 @@
+"""Prediction of the others, and its projection onto a road."""

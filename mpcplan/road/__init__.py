@@ -1,0 +1,1 @@
+"""The road ahead: route, reference path, Frenet frame, goal windows and limits."""

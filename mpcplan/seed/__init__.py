@@ -1,0 +1,1 @@
+"""Seeds: sampled trajectories along a road that decide what to do."""

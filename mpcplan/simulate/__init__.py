@@ -1,0 +1,1 @@
+"""The closed loop of planner and traffic, and what a run leaves behind."""

@@ -1,0 +1,1 @@
+"""Verification of plans before they are executed, and fail-safe braking."""
