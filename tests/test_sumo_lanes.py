@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 import made_crossing as roads
 import numpy as np
 import pytest
+import shapely
 from made_crossing import EAST, NORTH
 from numpy.testing import assert_allclose
 
@@ -143,6 +144,30 @@ def test_places_near_a_point(graph):
     assert graph.near(np.array([-20.0, 1.2]), math.pi, 3.0) == []
     assert graph.near(np.array([-20.0, 3.2]), 0.0, 3.0) == []
     assert {p.lane for p in graph.near(np.zeros(2), math.pi / 4, 3.0)} == {"1_0", "2_0"}
+
+
+def test_where_a_body_lies_along_lanes(graph):
+    body = np.array([[-24.0, 1.5], [-20, 1.5], [-20, 3.5], [-24, 3.5]])
+    ((lane, along),) = graph.along(body, 1.6)
+    assert lane == "1_0" and along == pytest.approx([76, 80, 80, 76])
+    assert graph.along(body, 1.4) == []
+
+
+def test_lanes_found_do_not_depend_on_what_was_asked_before(graph):
+    """The graph keeps what lies around the last spot."""
+    rng = np.random.default_rng(2)
+    for _ in range(200):
+        (x, y), reach = rng.uniform(-30, 30, 2), rng.uniform(0, 15)
+        corners = np.array([x, y]) + [[-1, -1], [1, -1], [1, 1], [-1, 1]]
+        area = shapely.Polygon(corners)
+        far = {i: lane.line.distance(area) for i, lane in graph.lanes.items()}
+        expected = sorted(lane for lane, distance in far.items() if distance <= reach)
+        assert [lane for lane, _ in graph.along(corners, reach)] == expected
+        spot = shapely.Point(x, y)
+        far = {i: lane.line.distance(spot) for i, lane in graph.lanes.items()}
+        expected = sorted(lane for lane, distance in far.items() if distance <= reach)
+        places = graph.near(np.array([x, y]), 0.0, reach, turn_max=math.pi)
+        assert [place.lane for place in places] == expected
 
 
 def test_matching_through_a_junction(graph):

@@ -5,11 +5,10 @@ demand they also yield where lanes conflict unknown to SUMO. That is off by defa
 equal roads everybody, the ego vehicle included, then ends up waiting for everybody else.
 """
 
+import math
 from collections.abc import Collection, Iterable, Mapping
 
 import libsumo
-import numpy as np
-import shapely
 
 from mpcplan.observation import Box, box_corners
 from mpcplan.sumo.crossings import conflicts
@@ -80,15 +79,11 @@ class Courtesy:
 
     def _bodies(self, box: Array, known_lane: str) -> list[Body]:
         """What of a box reaches into lanes, but for that on which SUMO has it."""
-        corners = box_corners(box)
-        area = shapely.Polygon(corners)
         bodies = []
-        for lane in self._graph.within(area, HALF_CAR):
-            if lane == known_lane:
-                continue
-            line = self._graph.lanes[lane].line
-            along = shapely.line_locate_point(line, shapely.points(corners))
-            turn = box[Box.PSI] - self._graph.lanes[lane].heading(float(along.mean()))
-            speed = float(box[Box.V] * np.cos(turn))
-            bodies.append(Body(lane, float(along.min()), float(along.max()), speed))
+        for lane, along in self._graph.along(box_corners(box), HALF_CAR):
+            if lane != known_lane:
+                middle = sum(along) / len(along)
+                turn = float(box[Box.PSI]) - self._graph.lanes[lane].heading(middle)
+                speed = float(box[Box.V]) * math.cos(turn)
+                bodies.append(Body(lane, min(along), max(along), speed))
         return bodies

@@ -113,7 +113,7 @@ class InsertedTraffic:
         self._ego.placed()
         for driven in entering:
             driven.release(step)
-        self._now = self._session.vehicles().without(EGO)
+        self._now = self._session.vehicles(but=EGO)
         self._snapshots.append(self._snapshot(step))
 
     def _tell(self, step: int) -> None:

@@ -19,6 +19,7 @@ import shapely
 from mpcplan.trajectory import Array
 
 _LANE_CHANGE = 2.0  # m, what a change to the lane beside costs a path
+_SPARE = 10.0  # m, by which lanes are looked up farther than needed, for the next times
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +98,8 @@ class LaneGraph:
         self._ids = sorted(self.lanes)
         self._lines = np.array([self.lanes[lane].line for lane in self._ids], object)
         self._tree = shapely.STRtree(self._lines)
+        self._spot = (0.0, 0.0, -math.inf)  # x, y, radius [m] of what is kept
+        self._kept = np.empty(0, int), self._lines[:0]
 
     def _collect(self) -> None:
         """All lanes; SUMO's list leaves those in junctions out."""
@@ -115,12 +118,15 @@ class LaneGraph:
     ) -> list[Place]:
         """Places within ``reach`` [m] on lanes that lead the way psi within an angle [rad], by lane
         id."""
-        spot = shapely.Point(point)
-        reached = np.sort(self._tree.query(spot, predicate="dwithin", distance=reach))
-        offsets = shapely.line_locate_point(self._lines[reached], spot).tolist()
-        distances = shapely.distance(self._lines[reached], spot).tolist()
+        spot = shapely.points(point)
+        around, lines = self._around(float(point[0]), float(point[1]), reach)
+        distances = shapely.distance(lines, spot)
+        there = np.flatnonzero(distances <= reach)
+        offsets = shapely.line_locate_point(lines[there], spot).tolist()
         found = []
-        for i, offset, distance in zip(reached, offsets, distances, strict=True):
+        for i, offset, distance in zip(
+            around[there].tolist(), offsets, distances[there].tolist(), strict=True
+        ):
             lane = self.lanes[self._ids[i]]
             turn = psi - lane.heading(offset)
             turn = math.atan2(math.sin(turn), math.cos(turn))
@@ -132,10 +138,36 @@ class LaneGraph:
         """The lane nearest to a point, whatever way it leads."""
         return self._ids[int(self._tree.nearest(shapely.Point(point)))]
 
-    def within(self, area: shapely.Geometry, reach: float = 0.0) -> tuple[str, ...]:
-        """The lanes within ``reach`` [m] of an area, sorted."""
-        found = self._tree.query(area, predicate="dwithin", distance=reach)
-        return tuple(self._ids[i] for i in sorted(found))
+    def within(self, area: shapely.Geometry) -> tuple[str, ...]:
+        """The lanes that touch an area, sorted."""
+        return tuple(self._ids[i] for i in sorted(self._tree.query(area, predicate="intersects")))
+
+    def along(self, corners: Array, reach: float) -> list[tuple[str, list[float]]]:
+        """Where a body lies along the lanes within ``reach`` [m] of it, by lane id.
+
+        Args:
+            corners: (m, 2) of the body [m], the first opposite the third.
+            reach: from a lane's middle [m].
+
+        Returns:
+            lane's id, and distances [m] of the corners from the lane's begin.
+        """
+        area, spots = shapely.polygons(corners), shapely.points(corners)
+        (x, y), (other_x, other_y) = corners[0].tolist(), corners[2].tolist()
+        around, lines = self._around(x, y, math.hypot(other_x - x, other_y - y) + reach)
+        there = np.flatnonzero(shapely.distance(lines, area) <= reach)
+        along = shapely.line_locate_point(lines[there, None], spots).tolist()
+        return [(self._ids[i], row) for i, row in zip(around[there].tolist(), along, strict=True)]
+
+    def _around(self, x: float, y: float, reach: float) -> tuple[Array, Array]:
+        """Numbers and lines of all lanes within ``reach`` [m] of a point and of some beyond, the
+        same ones as long as they serve."""
+        if math.hypot(x - self._spot[0], y - self._spot[1]) + reach > self._spot[2]:
+            radius = reach + _SPARE
+            spot = shapely.points(x, y)
+            found = np.sort(self._tree.query(spot, predicate="dwithin", distance=radius))
+            self._spot, self._kept = (x, y, radius), (found, self._lines[found])
+        return self._kept
 
     def normal(self, lane: str) -> str:
         """The edge of a lane; of one in a junction that of the lane before it."""

@@ -72,7 +72,7 @@ class Simulation:
 
     def users(self) -> list[tuple[str, str, Array]]:
         """Name, kind and box (6,) of all others, with SUMO's angles as headings."""
-        seen = self._session.vehicles().without(self._ego)
+        seen = self._session.vehicles(but=self._ego)
         users = list(zip(seen.ids, seen.kinds, seen.boxes, strict=True))
         for vehicle, _, box in users:
             box[Box.V] = math.hypot(box[Box.V], libsumo.vehicle.getLateralSpeed(vehicle))

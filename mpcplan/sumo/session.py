@@ -99,12 +99,6 @@ class Vehicles:
     boxes: Array
     kinds: tuple[str, ...]
 
-    def without(self, vehicle: str) -> "Vehicles":
-        """All but one."""
-        keep = [i for i, known in enumerate(self.ids) if known != vehicle]
-        ids, kinds = (tuple(values[i] for i in keep) for values in (self.ids, self.kinds))
-        return Vehicles(ids, self.boxes[keep], kinds)
-
 
 class Session:
     """A running simulation; only one can be alive in a process, one after another is fine."""
@@ -158,17 +152,17 @@ class Session:
         """The ids of all vehicles on the road, sorted."""
         return tuple(sorted(libsumo.vehicle.getIDList()))
 
-    def vehicles(self) -> Vehicles:
-        """Where all vehicles are now."""
-        ids, get = self.ids(), libsumo.vehicle
-        bodies = [self._body(vehicle) for vehicle in ids]
-        boxes = np.empty((len(ids), len(Box)))
-        boxes[:, [Box.X, Box.Y]] = [get.getPosition(vehicle) for vehicle in ids] or np.empty((0, 2))
-        boxes[:, Box.PSI] = _headings(np.array([get.getAngle(vehicle) for vehicle in ids]))
-        boxes[:, Box.V] = [get.getSpeed(vehicle) for vehicle in ids]
-        boxes[:, Box.LENGTH] = [length for length, _, _ in bodies]
-        boxes[:, Box.WIDTH] = [width for _, width, _ in bodies]
-        half, psi = boxes[:, Box.LENGTH] / 2, boxes[:, Box.PSI]
+    def vehicles(self, but: str = "") -> Vehicles:
+        """Where all vehicles are now, one of them left out if told so."""
+        ids, get = tuple(known for known in self.ids() if known != but), libsumo.vehicle
+        bodies = [self._body(known) for known in ids]
+        rows = [
+            (*get.getPosition(known), get.getAngle(known), get.getSpeed(known), length, width)
+            for known, (length, width, _) in zip(ids, bodies, strict=True)
+        ]  # in the order of Box, but for the front and SUMO's angle
+        boxes = np.array(rows).reshape(-1, len(Box))
+        boxes[:, Box.PSI] = psi = _headings(boxes[:, Box.PSI])
+        half = boxes[:, Box.LENGTH] / 2
         boxes[:, Box.X] -= half * np.cos(psi)
         boxes[:, Box.Y] -= half * np.sin(psi)
         return Vehicles(ids, boxes, tuple(kind for _, _, kind in bodies))
