@@ -1,4 +1,4 @@
-"""The command line: solve, evaluate, bench, compete, compare, forecasts, twin, config.
+"""The command line: solve, evaluate, bench, compete, bound, compare, forecasts, twin, config.
 
 Exit codes: 0 done (solved, valid), 1 not solved or not valid, 2 bad input, 3 an error of the
 program itself, 130 interrupted. Of many scenarios some may fail: bench ends with 0 when every one
@@ -111,6 +111,16 @@ def _parser() -> argparse.ArgumentParser:
     _add_compete(contest)
     _add_many(contest)
 
+    bound = _command(
+        commands, "bound", _bound, "seek the clairvoyant optimum: what was possible with hindsight"
+    )
+    bound.add_argument("paths", nargs="+", metavar="PATH", help="scenario files or folders of them")
+    bound.add_argument(
+        "--out", type=Path, default=Path("out", "bounds"), metavar="FOLDER",
+        help="folder for the solutions (default: out/bounds)",
+    )  # fmt: skip
+    _add_config(bound)
+
     versus = _command(commands, "compare", _compare, "compare two tables of results")
     versus.add_argument("a", metavar="A", help="results.csv or its folder")
     versus.add_argument("b", metavar="B", help="another one, perhaps with a column 'planner'")
@@ -163,6 +173,10 @@ def _add_bench(bench: argparse.ArgumentParser) -> None:
     bench.add_argument(
         "--timeout", type=float, default=600.0, metavar="S", help="seconds per scenario (600)"
     )
+    bench.add_argument(
+        "--bound", action="store_true",
+        help="seek the clairvoyant optimum too, and tell TR1 as a multiple of it",
+    )  # fmt: skip
 
 
 def _add_compete(contest: argparse.ArgumentParser) -> None:
@@ -301,7 +315,8 @@ def _bench(args: argparse.Namespace) -> int:
     from mpcplan.bench import bench, summary
 
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # stops the workers, like Ctrl-C
-    path, rows = bench(args.paths, args.out, timeout_s=args.timeout, **_many(args, jobs=1))
+    path, rows = bench(args.paths, args.out, timeout_s=args.timeout, bound=args.bound,
+                       **_many(args, jobs=1))  # fmt: skip
     print(f"{summary(rows)}\n\n{path}")
     return OK
 
@@ -320,6 +335,26 @@ def _compete(args: argparse.Namespace) -> int:
     if result.interrupted:
         return INTERRUPTED
     return OK if result.solutions else FAILED
+
+
+def _bound(args: argparse.Namespace) -> int:
+    from mpcplan.bench.find import find_scenarios
+    from mpcplan.bound.report import bound_lines
+    from mpcplan.config_io import load_config
+
+    config, folder = load_config(args.config, args.set), _make_folder(args.out)
+    failed = 0
+    for name, path in find_scenarios(args.paths).items():
+        try:
+            with quiet() as terminal:
+                lines = bound_lines(path, config, folder, progress(terminal))
+            print("\n".join(lines), flush=True)
+        except InputError:
+            raise
+        except MpcplanError as error:
+            failed += 1
+            print(f"{name}: {error}", flush=True)
+    return FAILED if failed else OK
 
 
 def _stop_signals() -> threading.Event:

@@ -4,7 +4,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-Backend = Literal["osqp", "piqp", "osqp then piqp"]
+Backend = Literal["osqp", "piqp", "osqp then piqp", "ipopt", "fatrop"]
+WHOLE = ("ipopt", "fatrop")
+"""Backends that solve the nonlinear problem as a whole."""
 
 
 def par(default: Any, unit: str, meaning: str, **limits: Any) -> Any:
@@ -154,6 +156,9 @@ class SeedConfig(Section):
     lengths: tuple[float, ...] = par(
         (15.0, 40.0), "m", "sampled lengths of a lateral move", min_length=1
     )
+    delays: tuple[float, ...] = par(
+        (), "m", "how much further on moves to other lanes may begin as well"
+    )
     passed: int = par(2, "1", "slow obstacles around which paths lead out and back", ge=0, le=10)
     pass_speed: float = par(5.0, "m/s", "obstacles slower than this may be passed", ge=0, le=30)
     pass_gap: float = par(0.5, "m", "gap to the side when passing", ge=0, le=3)
@@ -218,6 +223,9 @@ class RefineConfig(Section):
     fresh_iterations: int = par(10, "1", "SQP iterations at most for a fresh seed", ge=1, le=200)
     qp_iterations: int = par(150, "1", "OSQP iterations at most per subproblem", ge=10, le=100000)
     qp_tolerance: float = par(1e-4, "1", "OSQP's absolute and relative tolerance", gt=0, le=0.1)
+    whole_iterations: int = par(
+        500, "1", "iterations at most where the problem is solved as a whole", ge=1, le=10000
+    )
     line_search: int = par(6, "1", "halvings of a step at most", ge=0, le=30)
     penalty_lon: float = par(
         200.0, "1/m", "exact penalty on leaving the corridor in s", gt=0, le=1e6
@@ -275,6 +283,30 @@ class DriveConfig(Section):
     steps_max: int = par(1000, "1", "time steps driven at most", ge=1, le=100000)
 
 
+class BoundConfig(Section):
+    """The clairvoyant optimum that results are compared with."""
+
+    labels: int = par(
+        3000, "1", "states kept per move of the search for homotopies", ge=10, le=100000
+    )
+    arrivals: int = par(
+        4, "1", "parts of the goal's time for each of which ways are sought", ge=1, le=50
+    )
+    lengths: tuple[float, ...] = par(
+        (15.0, 40.0, 80.0), "m", "sampled lengths of a lateral move", min_length=1
+    )
+    delays: tuple[float, ...] = par(
+        (30.0, 60.0, 120.0), "m", "how much further on moves to other lanes may begin as well"
+    )
+    refined: int = par(16, "1", "ways that are refined, the cheapest ones", ge=1, le=1000)
+    polished: int = par(
+        5, "1", "refined ways of which the corridor is made anew until they settle", ge=1, le=100
+    )
+    rounds: int = par(8, "1", "new corridors at most", ge=0, le=50)
+    gain: float = par(1e-3, "1", "relative gain at which a way has settled", ge=0, le=1)
+    iterations: int = par(20, "1", "SQP iterations at most", ge=1, le=200)
+
+
 class Config(Section):
     """The whole configuration."""
 
@@ -285,3 +317,4 @@ class Config(Section):
     refine: RefineConfig = par(RefineConfig(), "", "the optimal-control problem")
     verify: VerifyConfig = par(VerifyConfig(), "", "checks before execution")
     drive: DriveConfig = par(DriveConfig(), "", "the closed loop")
+    bound: BoundConfig = par(BoundConfig(), "", "the clairvoyant optimum")

@@ -35,6 +35,10 @@ class StartTakenError(TrafficError):
         self.obstacle, self.overlap, self.version = obstacle, overlap, version
 
 
+class BoundError(MpcplanError):
+    """No clairvoyant way to the goal was found (how many were tried, what refused them)."""
+
+
 class PlannerError(MpcplanError):
     """A planner that is not ours failed, or returned what no vehicle can drive."""
 

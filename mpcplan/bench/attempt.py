@@ -26,6 +26,7 @@ class Attempt:
         config: the configuration's text.
         planner: 'package.module:Class', or :data:`mpcplan.bench.job.OWN_PLANNER`.
         limits: of the worker process.
+        bound: whether the clairvoyant optimum is sought too.
         command: makes the worker's command line.
         shipped: the scenario's files by their names relative to its parent folder; None: the
             scenario is read where it lies.
@@ -38,6 +39,7 @@ class Attempt:
     config: str
     planner: str = OWN_PLANNER
     limits: Limits = field(default_factory=Limits)
+    bound: bool = False
     command: Command = worker_command
     shipped: Mapping[str, bytes] | None = None
 
@@ -99,7 +101,8 @@ def _run_in(folder: Path, attempt: Attempt, processes: Processes) -> Outcome:
     config = folder / "config.yaml"
     config.write_text(attempt.config, encoding="utf-8")
     scenario = _unpack(attempt, folder / "input")
-    job = Job(attempt.name, scenario, out, folder / "row.json", config, attempt.planner)
+    row_path = folder / "row.json"
+    job = Job(attempt.name, scenario, out, row_path, config, attempt.planner, attempt.bound)
     limits = attempt.limits
     command = attempt.command(job)
     end = processes.run(command, scratch, log, limits.timeout_s, limits.memory_mb)

@@ -1,8 +1,10 @@
 """The cells of a row that a run and its judgement fill."""
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from mpcplan.bench.store import Row
+from mpcplan.errors import MpcplanError
 from mpcplan.score.tr1 import PARTS
 from mpcplan.score.verdict import Verdict
 
@@ -46,6 +48,24 @@ def judgement_cells(run: "Run", judgement: "Judgement | None") -> Row:
         return cells | {"status": "not_solved", "valid": False, "cause": run.cause}
     status = "solved" if verdict.valid else "invalid"
     return cells | {"status": status, "valid": verdict.valid, "cause": verdict.cause}
+
+
+def bound_cells(run: "Run", judgement: "Judgement", folder: Path) -> Row:
+    """The clairvoyant optimum on the run's own traffic, and TR1 as a multiple of it."""
+    from mpcplan.bound.judged import bound_of_run
+    from mpcplan.score.referee_start import as_fork
+
+    cost = judgement.verdict.tr1
+    if cost is None:
+        return {"bound_by": "no bound: the run has no cost"}
+    try:
+        found = bound_of_run(run, judgement, folder, as_fork)
+    except MpcplanError as error:
+        return {"bound_by": f"no bound: {error}"}
+    best = min(found.tr1, cost)
+    gap = cost / best if best > 0 else 1.0
+    by = found.words if found.tr1 < cost else f"the drive; {found.tr1:.3f} by {found.words}"
+    return {"bound": best, "gap": gap, "bound_by": by}
 
 
 def verdict_cells(verdict: Verdict) -> Row:

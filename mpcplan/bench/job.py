@@ -30,6 +30,7 @@ class Job:
         row: where the worker writes its row.
         config: configuration file that holds every parameter.
         planner: 'package.module:Class', or :data:`OWN_PLANNER`.
+        bound: whether the clairvoyant optimum is sought too.
     """
 
     name: str
@@ -38,6 +39,7 @@ class Job:
     row: Path
     config: Path
     planner: str = OWN_PLANNER
+    bound: bool = False
 
 
 Command = Callable[[Job], list[str]]
@@ -49,4 +51,5 @@ def worker_command(job: Job) -> list[str]:
         *WORKER,
         *(str(job.scenario), str(job.out), str(job.row)),
         *("--config", str(job.config), "--planner", job.planner, "--end-with-parent"),
+        *(("--bound",) if job.bound else ()),
     ]

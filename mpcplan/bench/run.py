@@ -23,6 +23,7 @@ def bench(
     overrides: Sequence[str] = (),
     memory_mb: float = 4000.0,
     planner: str = OWN_PLANNER,
+    bound: bool = False,
     engine: Engine | None = None,
     command: Command = worker_command,
 ) -> tuple[Path, list[Row]]:
@@ -40,6 +41,7 @@ def bench(
         overrides: 'section.key=value'.
         memory_mb: limit of each process's address space [MB].
         planner: 'package.module:Class', or this package's own.
+        bound: seek the clairvoyant optimum of every solved scenario too (:mod:`mpcplan.bound`).
         engine: where the scenarios run, see :mod:`mpcplan.bench.engine`; it is closed at the end.
         command: makes the worker's command line (replaced in tests).
 
@@ -57,11 +59,21 @@ def bench(
             raise InputError("timeout and memory must be positive")
         scenarios = find_scenarios(paths, exclude=out)
         config = dump_config(load_config(config_path, overrides))
-        store = Store(Path(out).resolve(), config, planner)
+        store = Store(Path(out).resolve(), config, f"{planner}, with bounds" if bound else planner)
         missing = {name for name in scenarios if store.read(name) is None}
         limits = Limits(timeout_s, memory_mb)
         attempts = (
-            Attempt(name, benchmark_id(path), path, kind_of(path), config, planner, limits, command)
+            Attempt(
+                name,
+                benchmark_id(path),
+                path,
+                kind_of(path),
+                config,
+                planner,
+                limits,
+                bound,
+                command,
+            )
             for name, path in scenarios.items()
             if name in missing
         )

@@ -6,6 +6,7 @@ Layout of the output folder::
     rows/<name>.json       one finished scenario
     results.csv            all rows, sorted by scenario
     solutions/             solution files, and the traffic simulated with them
+    bounds/                solution files of the clairvoyant optima, where asked for
     traces/ logs/
 """
 
@@ -27,10 +28,12 @@ COLUMNS = (
     *("scenario", "cluster", "planner", "kind", "status", "valid", "valid_late"),
     *("all_problems", "goal", "start", "no_collision", "on_road", "feasible"),
     *("TR1", "TR1_report", "Jlon", "SR", "D", "LC", "duration_s"),
+    *("bound", "gap", "bound_by"),
     *("cycles", "plan_p50_ms", "plan_p95_ms", "plan_max_ms", "sim_ms_p50", "sim_ms_max"),
     *("wall_s", "peak_mb", "cause", "cause_late", "notes"),
 )
-"""Columns of results.csv; Jlon, SR, D, LC are unweighted, TR1 has the checker's weights."""
+"""Columns of results.csv; Jlon, SR, D, LC are unweighted, TR1 has the checker's weights. Bound and
+gap are empty where they were not asked for."""
 
 UNJUDGED = "unjudged"
 STATUSES = (

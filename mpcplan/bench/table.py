@@ -1,5 +1,6 @@
 """The benchmark's table: counts and TR1 per map cluster, times, statuses, causes of failure."""
 
+import math
 import re
 import statistics
 from collections import Counter, defaultdict
@@ -25,6 +26,7 @@ def summary(rows: Sequence[Row]) -> str:
     blocks = [
         [align([_HEAD, *lines, _cells("all", rows)])],
         parts_lines(rows),
+        gap_lines(rows),
         [*status_lines(rows), *late_lines(rows), *planning_lines(rows)],
         cause_lines(rows),
     ]
@@ -80,6 +82,28 @@ def parts_lines(rows: Sequence[Row]) -> list[str]:
         figures = (figure(values, f) for f in (statistics.fmean, statistics.median, max))
         table.append((label, *figures))
     return [align(table)]
+
+
+def gap_lines(rows: Sequence[Row]) -> list[str]:
+    """TR1 as a multiple of the clairvoyant optimum, nothing where that was not sought."""
+    gaps, costs = numbers(rows, "gap"), numbers(rows, "bound")
+    if not gaps:
+        return []
+    without = sum(1 for row in rows if row["valid"] and row["gap"] in ("", None))
+    itself = sum(1 for row in rows if str(row["bound_by"]).startswith("the drive"))
+    lines = [
+        f"gap to the bound: median {figure(gaps, statistics.median)}, 90th percentile "
+        f"{figure(gaps, _p90)}, worst {figure(gaps, max)} ({len(gaps)} scenarios; "
+        f"bound: mean {figure(costs, statistics.fmean)}, median "
+        f"{figure(costs, statistics.median)})",
+        f"  none better than the drive was found for {itself}",
+    ]
+    return [*lines, f"  no bound for {without} of the solved"] if without else lines
+
+
+def _p90(values: Sequence[float]) -> float:
+    """The least value that nine of ten do not exceed."""
+    return sorted(values)[math.ceil(0.9 * len(values)) - 1]
 
 
 def status_lines(rows: Sequence[Row]) -> list[str]:

@@ -24,7 +24,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mpcplan.bench.cells import judgement_cells, run_cells
+from mpcplan.bench.cells import bound_cells, judgement_cells, run_cells
 from mpcplan.bench.files import write_whole
 from mpcplan.bench.find import benchmark_id, kind_of
 from mpcplan.bench.job import OWN_PLANNER
@@ -42,11 +42,12 @@ class Worker:
     """One scenario's work, and what is known of it so far."""
 
     def __init__(
-        self, scenario: Path, out: Path, row: Path, config: Path, planner: str = OWN_PLANNER
-    ) -> None:
+        self, scenario: Path, out: Path, row: Path, config: Path, planner: str = OWN_PLANNER,
+        bound: bool = False,
+    ) -> None:  # fmt: skip
         """See :class:`mpcplan.bench.job.Job`."""
         self._scenario, self._out, self._row_path, self._config = scenario, out, row, config
-        self._planner = planner
+        self._planner, self._bound = planner, bound
         self._where = "before the drive"
 
     def work(self) -> Row:
@@ -86,7 +87,13 @@ class Worker:
         row["peak_mb"] = round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1)
         write_trace(run.trace(), self._out / "traces" / f"{loaded.id}.json.gz")
         self._keep_candidate(run, row)
-        return row | judgement_cells(run, _judge(run, self._out / "solutions"))
+        judgement = _judge(run, self._out / "solutions")
+        row |= judgement_cells(run, judgement)
+        if self._bound and judgement is not None and row["valid"]:
+            # what ends the worker from here on costs the bound only
+            self._write(row | {"bound_by": "no bound: not finished"})
+            row |= bound_cells(run, judgement, self._out / "bounds")
+        return row
 
     def _foreign(self) -> dict[str, Any]:
         """The argument for another planner than our own."""
@@ -194,9 +201,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
         parser.add_argument(name, type=Path)
     parser.add_argument("--config", type=Path, required=True)
     parser.add_argument("--planner", default=OWN_PLANNER)
+    parser.add_argument("--bound", action="store_true")
     parser.add_argument("--end-with-parent", action="store_true")
     args = parser.parse_args(arguments)
-    worker = Worker(args.scenario, args.out, args.row, args.config, args.planner)
+    worker = Worker(args.scenario, args.out, args.row, args.config, args.planner, args.bound)
     signal.signal(signal.SIGTERM, worker.cut)
     if args.end_with_parent:
         end_with_parent()

@@ -116,7 +116,7 @@ class _Task:
         path, limits = self.scenarios[turn.name], Limits(turn.limit_s, self.memory_mb)
         return Attempt(
             turn.name, benchmark_id(path), path, kind_of(path),
-            self.config, self.planner, limits, self.command,
+            self.config, self.planner, limits, command=self.command,
         )  # fmt: skip
 
     def blank(self, name: str, status: str, cause: str) -> Row:

@@ -78,10 +78,10 @@ class Constraints:
         circle_max = CAR.a_max * self.config.refine.friction_share**2
         s = x[:, Stage.S]
         free = np.full(self.n, FREE)
-        points, d_low, d_high = self._sides(body)
+        points, d_low, d_high = self.sides(body)
         slant = self.corridor.slant[1 : self.n + 1]
         centre = self._slant_value(x)
-        goal_low, goal_high, goal = self._goal_rows(z.x[-1])
+        goal_low, goal_high, goal = self.goal_rows(z.x[-1])
         side, limit = np.full(self.n, self.lateral_limit), np.full(self.n, circle_max)
         corridor = self.corridor
         s_min, s_max = corridor.s_min[1 : self.n + 1], corridor.s_max[1 : self.n + 1]
@@ -99,7 +99,7 @@ class Constraints:
         d_c = x[:, Stage.D] + CAR.rear_to_centre * np.sin(x[:, Stage.MU])
         return slant[:, 0] * s_c + slant[:, 1] * d_c
 
-    def _sides(self, body: Body) -> tuple[Array, Array, Array]:
+    def sides(self, body: Body) -> tuple[Array, Array, Array]:
         """(N, 3) offsets of the body's points, projected exactly, and their bounds."""
         at, offset, turn = body
         half = CAR.width / 2 * np.abs(np.cos(turn))
@@ -118,7 +118,7 @@ class Constraints:
         at, offset = frame.to_frenet(points, s[:, None] + np.array(BODY_POINTS))
         return at, offset, psi[:, None] - frame.heading(at)
 
-    def _goal_rows(self, x: Array) -> tuple[Array, Array, Array]:
+    def goal_rows(self, x: Array) -> tuple[Array, Array, Array]:
         """low, high, value of the goal's eight rows (free where nothing is asked for)."""
         goal = self.goal
         intervals = (goal.s, goal.d, goal.v, goal.psi) if goal else (None,) * 4

@@ -31,7 +31,8 @@ def _rates(x: ca.SX, a: ca.SX, w: ca.SX, par: ca.SX) -> ca.SX:
     )
 
 
-def _step(x: ca.SX, u: ca.SX, par: ca.SX, dt: float) -> ca.SX:
+def one_step(x: ca.SX, u: ca.SX, par: ca.SX, dt: float) -> ca.SX:
+    """The state after one step, as an expression; ``par`` holds kappa_0, kappa_1, s_0."""
     a, w = x[Stage.A] + u[0] * dt, u[1]
     y = x[:5]
     k1 = _rates(y, a, w, par)
@@ -45,7 +46,7 @@ def _step(x: ca.SX, u: ca.SX, par: ca.SX, dt: float) -> ca.SX:
 def _functions(dt: float) -> tuple[ca.Function, ca.Function]:
     """The step, and the step with its Jacobians, for one stage."""
     x, u, par = ca.SX.sym("x", NX), ca.SX.sym("u", NU), ca.SX.sym("par", NPAR)
-    after = _step(x, u, par, dt)
+    after = one_step(x, u, par, dt)
     step = ca.Function("step", [x, u, par], [after])
     jacobian = ca.jacobian(after, ca.vertcat(x, u))
     return step, ca.Function("linear", [x, u, par], [after, ca.densify(jacobian)])

@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
-from mpcplan.config import RefineConfig
+from mpcplan.config import WHOLE, RefineConfig
 from mpcplan.refine.constraints import Iterate
 from mpcplan.refine.problem import STATE_SCALE, Problem, Quadratic
 from mpcplan.refine.qp import QpSolver
+from mpcplan.refine.whole import solve_whole
 from mpcplan.seed.seed import Stage
 from mpcplan.trajectory import Array
 
@@ -92,6 +93,8 @@ class SqpResult:
 def solve(problem: Problem, config: RefineConfig, fresh: bool = True) -> SqpResult:
     """Solves a problem from its seed; ``fresh``: with the effort for a seed never refined."""
     backend = config.fresh_backend if fresh else config.backend
+    if backend in WHOLE:
+        return _whole(problem, backend, config)
     most = config.fresh_iterations if fresh else config.iterations
     solver = QpSolver(problem.scales(), backend, config.qp_iterations, config.qp_tolerance)
     z = problem.initial()
@@ -125,6 +128,20 @@ def solve(problem: Problem, config: RefineConfig, fresh: bool = True) -> SqpResu
         kkt = _residuals(problem, z, problem.quadratic(z), multipliers)
     after = problem.objective(z) + problem.penalty(z)
     return SqpResult(z, status, iteration, qp_iterations, kkt, before, after)
+
+
+def _whole(problem: Problem, backend: str, config: RefineConfig) -> SqpResult:
+    """The result of a solver of the whole problem; multipliers are those of an exact step."""
+    z = problem.initial()
+    before = problem.objective(z) + problem.penalty(z)
+    answer = solve_whole(problem, backend, config.whole_iterations)
+    model = problem.quadratic(answer.z)
+    solver = QpSolver(problem.scales(), "piqp", config.qp_iterations, config.qp_tolerance)
+    step = solver.solve(model.hessian, model.gradient, model.matrix, model.low, model.high)
+    kkt = _residuals(problem, answer.z, model, step.y)
+    after = problem.objective(answer.z) + problem.penalty(answer.z)
+    status = "converged" if answer.ok else f"{FAILED}: {answer.status}"
+    return SqpResult(answer.z, status, 1, answer.iterations, kkt, before, after)
 
 
 def _residuals(problem: Problem, z: Iterate, model: Quadratic, y: Array) -> Kkt:

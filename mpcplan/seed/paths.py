@@ -24,6 +24,7 @@ from mpcplan.trajectory import Array
 from mpcplan.vehicle import FORD_ESCORT as CAR
 
 MIN_STRETCH = 0.2  # smallest 1 - kappa_r d of a path
+ELSEWHERE = 1.0  # m, beside the present offset: a move to there leads to another lane
 PASSING_SPEED = 8.0  # m/s, at which slow obstacles are passed when their way is foreseen
 BODY_POINTS = tuple(float(x) for x in np.linspace(-CAR.rear, CAR.front, 4))  # m ahead of the axle
 
@@ -113,6 +114,14 @@ def _moves(road: Road, pose: FrenetPose, window: Occupancy, config: SeedConfig) 
             middle = (goal.d[0] + goal.d[1]) / 2
             pairs += [(middle, length) for length in config.lengths]
     rows = [(offset, length, 0.0, np.inf, 1.0) for offset, length in pairs]
+    middles = {0.0} | {offset for offset, _ in pairs} - set(config.offsets)
+    rows += [
+        (pose.d, config.lengths[0], offset, max(delay, config.lengths[0]), length)
+        for offset in sorted(middles)
+        if abs(offset - pose.d) > ELSEWHERE
+        for delay in config.delays
+        for length in config.lengths
+    ]
     rows += _around(road, pose, window, config)
     return _Moves(*np.array(rows).T)
 

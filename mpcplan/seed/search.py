@@ -11,7 +11,8 @@ at most a given number per layer. It finds gaps (before one vehicle, behind the 
 of polynomials misses. Source: hybrid A* (Dolgov et al. 2010) with time as the only order.
 """
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
 from itertools import pairwise
 
 import numpy as np
@@ -31,24 +32,25 @@ CELL_V = 0.5  # m/s, and this close in speed share a cell
 LONG_STEPS = 50  # horizons beyond this have cells
 LONG_CELLS = 1.5  # times as large
 ACTUATOR_SHARE = 0.95  # of the limits that the search uses
+AHEAD_CELLS = 10_000_000  # more than there are cells of (sigma, v)
 ROLLING = 1e-6  # m/s, slower is standing
 
 
 @dataclass(frozen=True, eq=False)
 class Labels:
-    """Labels of one layer, all (n,): sigma [m], v [m/s], last a [m/s^2], cost, parent's index."""
+    """Labels of one layer, all (n,): sigma [m], v [m/s], last a [m/s^2], cost, parent's index, and
+    as bits which obstacles they are ahead of (see :class:`Tables`)."""
 
     sigma: Array
     v: Array
     a: Array
     cost: Array
     parent: Array
+    ahead: Array
 
     def pick(self, index: Array) -> "Labels":
         """The labels at an index."""
-        return Labels(
-            self.sigma[index], self.v[index], self.a[index], self.cost[index], self.parent[index]
-        )
+        return Labels(*(getattr(self, f.name)[index] for f in fields(self)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +65,7 @@ class Tables:
     kappa: Array
     speed: Array  # (n,) posted and curve limit
     lateness: Array  # (k, n) cost rate of being short of a position that is due
+    passed: Array  # (m, k) last sample blocked by each obstacle that is told apart, -1: none
 
     def at(self, sigma: Array) -> Array:
         """Indices of the samples."""
@@ -79,17 +82,11 @@ def search(
         Accelerations (k,), speeds (k + 1,), cost and whether it ends in a goal window; None where
         every profile is blocked within the first layer.
     """
-    tables = _tables(road, paths, blocked, path, step, config)
+    tables = tables_of(road, paths, blocked, path, step, config)
     fits = [pose_fits(goal, road, paths)[path] for goal in road.goals]
-    bounds = _layer_bounds(road, step, blocked.owner.shape[1] - 1, config.seed.search_steps)
-    start = Labels(*(np.array([x]) for x in (0.0, max(v, 0.0), a, 0.0, -1)))
-    layers, best = [start], None
-    coarse = LONG_CELLS if bounds[-1] > LONG_STEPS else 1.0
-    for first, last in pairwise(bounds):
-        grown = _grow(layers[-1], tables, first, last, config, dt)
-        if grown is None:
-            break
-        layers.append(_prune(grown, config.seed.search_labels, coarse))
+    bounds = layer_bounds(road, step, blocked.owner.shape[1] - 1, config.seed.search_steps)
+    layers, best = [start_label(v, a)], None
+    for last in grow_layers(layers, tables, bounds, config.seed.search_labels, config, dt):
         hit = _goal_label(road, fits, layers[-1], tables, step + last)
         if hit is not None and (best is None or layers[-1].cost[hit] < best[0]):
             best = (float(layers[-1].cost[hit]), len(layers) - 1, hit)
@@ -99,13 +96,33 @@ def search(
         return None
     if best is None:
         best = _nearest_miss(road, paths, path, layers, tables, config)
-        return *_play_back(layers, bounds, *best[1:], dt), best[0], False
-    return *_play_back(layers, bounds, *best[1:], dt), best[0], True
+        return *play_back(layers, bounds, *best[1:], dt), best[0], False
+    return *play_back(layers, bounds, *best[1:], dt), best[0], True
 
 
-def _tables(
-    road: Road, paths: Paths, blocked: Blocked, path: int, step: int, config: Config
-) -> Tables:
+def start_label(v: float, a: float) -> Labels:
+    """The present state as a layer."""
+    return Labels(*(np.array([x]) for x in (0.0, max(v, 0.0), a, 0.0, -1, 0)))
+
+
+def grow_layers(
+    layers: list[Labels], tables: Tables, bounds: list[int], most: int, config: Config, dt: float
+) -> Iterator[int]:
+    """Adds layer after layer, until all is blocked; yields the time step (from now) of each."""
+    coarse = LONG_CELLS if bounds[-1] > LONG_STEPS else 1.0
+    for first, last in pairwise(bounds):
+        grown = _grow(layers[-1], tables, first, last, config, dt)
+        if grown is None:
+            return
+        layers.append(_prune(grown, most, coarse))
+        yield last
+
+
+def tables_of(
+    road: Road, paths: Paths, blocked: Blocked, path: int, step: int, config: Config,
+    passed: Array | None = None,
+) -> Tables:  # fmt: skip
+    """The lookups of one path; ``passed``: see :class:`Tables`."""
     cost = config.cost
     due = road.due(step, blocked.owner.shape[1] - 1, cost.reserve)
     off_road = paths.road_excess[path] - paths.road_excess[path, 0] > config.seed.road_slack
@@ -118,10 +135,11 @@ def _tables(
         np.abs(paths.kappa[path]),
         np.interp(paths.s[path], road.frame.s, road.limits.speed),
         cost.late * np.maximum(due[:, None] - paths.s[path], 0.0) ** 2,
+        np.empty((0, len(blocked.owner[path])), int) if passed is None else passed,
     )
 
 
-def _layer_bounds(road: Road, step: int, last: int, moves: int) -> list[int]:
+def layer_bounds(road: Road, step: int, last: int, moves: int) -> list[int]:
     """Time steps (from now) at which layers end; goal windows' ends are among them."""
     marks = {k - step for goal in road.goals for k in (goal.first, goal.last)}
     bounds = [0]
@@ -139,6 +157,7 @@ def _grow(
     parent = np.repeat(np.arange(len(labels.v)), len(actions))
     a = np.tile(actions, len(labels.v))
     sigma, v, cost = labels.sigma[parent], labels.v[parent], labels.cost[parent]
+    ahead = labels.ahead[parent]
     duration = (last - first) * dt
     cost = cost + config.cost.jerk * (a - labels.a[parent]) ** 2 / duration
     allowed = a <= ACTUATOR_SHARE * acceleration_limit(np.maximum(v, v + a * duration))
@@ -147,6 +166,9 @@ def _grow(
         sigma, v = sigma + (v + after) / 2 * dt, after
         at = tables.at(sigma)
         allowed &= ~tables.blocked[k, at]
+        for bit in np.flatnonzero(tables.passed[:, k] >= 0).tolist():
+            beyond = (at > tables.passed[bit, k]).astype(np.int64) << bit
+            ahead = ahead & ~(1 << bit) | beyond
         allowed &= np.hypot(a, v**2 * tables.kappa[at]) <= ACTUATOR_SHARE * CAR.a_max
         steering = (tables.delta_slope[at] * v) ** 2
         excess = np.maximum(v - np.maximum(tables.speed[at], 0.1), 0.0) ** 2
@@ -158,13 +180,15 @@ def _grow(
         cost = cost + dt * config.seed.slack_cost * np.maximum(slow, 0.0)
     if not allowed.any():
         return None
-    return Labels(sigma, v, a, cost, parent).pick(np.flatnonzero(allowed))
+    return Labels(sigma, v, a, cost, parent, ahead).pick(np.flatnonzero(allowed))
 
 
 def _prune(labels: Labels, most: int, coarse: float) -> Labels:
-    """The cheapest label of every cell of (sigma, v), and of those the cheapest ``most``."""
+    """The cheapest label of every cell of (sigma, v) and of those ahead of the same obstacles, and
+    of these the cheapest ``most``."""
     cell = np.rint(labels.sigma / (CELL_SIGMA * coarse)).astype(np.int64) * 1000
     cell += np.rint(labels.v / (CELL_V * coarse)).astype(np.int64)
+    cell += labels.ahead * AHEAD_CELLS
     order = np.lexsort((labels.cost, cell))
     first = np.concatenate([[True], np.diff(cell[order]) != 0])
     kept = order[first]
@@ -177,13 +201,19 @@ def _goal_label(
     road: Road, fits: list[Array], labels: Labels, tables: Tables, step: int
 ) -> int | None:
     """The cheapest label of a layer that lies in a goal window."""
+    inside = in_goal(road, fits, labels, tables, step)
+    if not inside.any():
+        return None
+    return int(np.argmin(np.where(inside, labels.cost, np.inf)))
+
+
+def in_goal(road: Road, fits: list[Array], labels: Labels, tables: Tables, step: int) -> Array:
+    """(n,) which labels of a layer lie in a goal window at a time step."""
     inside = np.zeros(len(labels.v), bool)
     for goal, fit in zip(road.goals, fits, strict=True):
         if goal.first <= step <= goal.last:
             inside |= fit[tables.at(labels.sigma)] & speed_fits(goal, labels.v)
-    if not inside.any():
-        return None
-    return int(np.argmin(np.where(inside, labels.cost, np.inf)))
+    return inside
 
 
 def _nearest_miss(
@@ -199,7 +229,7 @@ def _nearest_miss(
     return float(cost[best]), len(layers) - 1, best
 
 
-def _play_back(
+def play_back(
     layers: list[Labels], bounds: list[int], layer: int, label: int, dt: float
 ) -> tuple[Array, Array]:
     """Accelerations per time step and speeds of the way to a label."""

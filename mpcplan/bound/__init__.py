@@ -1,0 +1,1 @@
+"""The clairvoyant optimum: what was possible, for every result to be compared with."""
