@@ -197,6 +197,14 @@ class RefineConfig(Section):
     fresh_to_goal: bool = par(
         True, "", "refine a fresh seed to its end once, whatever the horizon of later cycles is"
     )
+    settle: float = par(
+        0.01,
+        "1",
+        "the last plan is refined the whole way to the goal again as long as the last time gained "
+        "more than this share of its cost; 1: never",
+        ge=0,
+        le=1,
+    )
     retry_margin: float = par(
         0.15,
         "m",

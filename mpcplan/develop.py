@@ -1,6 +1,7 @@
 """From a seed to an option: refined or driven by feedback, ended, judged and verified."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from commonroad.planning.planning_problem import PlanningProblem
 
@@ -28,7 +29,7 @@ class Developer:
 
     def develop(
         self, cycle: Cycle, seed: Seed, options: list[Option], refused: list[Option],
-        last: Trajectory | None = None,
+        last: Trajectory | None = None, settled: bool = True,
     ) -> None:  # fmt: skip
         """Refines and verifies a seed, and falls back to the seed itself where that fails.
 
@@ -38,34 +39,41 @@ class Developer:
             options: gains the option that passes verification.
             refused: gains those that do not.
             last: what is left of the last plan, where the seed is that.
+            settled: whether that is known to gain no more the whole way to the goal.
         """
+        whole = last is None or not settled
         kept = self._finish(cycle, last, seed, KEPT, None) if last is not None else None
         ways: list[Callable[[], Option | None]] = []
         if self._config.refine.enabled:
             wider = self._config.refine.retry_margin
-            ways.append(lambda: self._refined(cycle, seed, 0.0))
-            ways.append(lambda: self._refined(cycle, seed, wider))
+            ways.append(lambda: self._refined(cycle, seed, 0.0, whole))
+            ways.append(lambda: self._refined(cycle, seed, wider, whole))
         ways.append(lambda: kept or self._unrefined(cycle, seed))
         for way in ways:
             option = way()
             if option is None:
                 continue
+            option = replace(option, settled=self._settled(option, kept, settled))
             if kept is not None and kept.finding.ok and kept.cost <= option.cost:
                 option = kept  # what was planned before is still better
             (options if option.finding.ok else refused).append(option)
             if option.finding.ok:
                 return
 
-    def _refined(self, cycle: Cycle, seed: Seed, extra: float) -> Option | None:
+    def _settled(self, option: Option, kept: Option | None, settled: bool) -> bool:
+        """Whether the whole way to the goal need not be refined again in the next cycle."""
+        if kept is None:  # a fresh seed: its corridor is made anew at least once
+            return option.refined is None or self._config.refine.settle >= 1
+        return settled or kept.cost - option.cost <= self._config.refine.settle * kept.cost
+
+    def _refined(self, cycle: Cycle, seed: Seed, extra: float, whole: bool) -> Option | None:
         """The refined seed, with margins grown by ``extra`` metres."""
         seen = cycle.observation
         around = cycle.around(seed.road)
         with cycle.clock("refine"):
-            fresh = seed.source != LAST_PLAN
             refined = refine(
-                seed, seen.state, seen.acceleration, around, self._config, self._dt, fresh,
-                extra,
-            )  # fmt: skip
+                seed, seen.state, seen.acceleration, around, self._config, self._dt, whole, extra
+            )
         if refined is None:
             return None
         if refined.result.failed and refined.result.gained <= 0.0:

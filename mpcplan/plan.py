@@ -35,7 +35,15 @@ class Plan:
 class Option:
     """A trajectory that could become the plan.
 
-    ``cost`` is the refinement's (or the seed's) cost with penalties.
+    Attributes:
+        trajectory: the plan; seed: what it was made of, None for emergency braking.
+        cost: as it would be driven, see :mod:`mpcplan.seed.cost`.
+        reaches_goal: whether it ends in the goal.
+        finding: of its verification.
+        source: where it comes from, in words.
+        refined: how it was refined, None where it was not.
+        settled: whether the corridor made around it and the refinement the whole way to the goal
+            are known to gain no more.
     """
 
     trajectory: Trajectory
@@ -45,6 +53,7 @@ class Option:
     finding: Finding
     source: str
     refined: Refined | None = None
+    settled: bool = True
 
     def as_dict(self) -> dict[str, Any]:
         """For the trace."""

@@ -101,8 +101,8 @@ class Planner:
         refused: list[Option] = []
         last = self._continue(cycle)
         if last is not None:
-            seed, rest = last
-            self._developer.develop(cycle, seed, options, refused, rest)
+            seed, rest, settled = last
+            self._developer.develop(cycle, seed, options, refused, rest, settled)
         goes_on = any(option.reaches_goal for option in options)
         seeds, reports = self._seeds(cycle, goes_on)
         if options:
@@ -160,8 +160,8 @@ class Planner:
                 road, seen.state, seen.acceleration, seen.step, around, self.config, self.dt, effort
             )
 
-    def _continue(self, cycle: Cycle) -> tuple[Seed, Trajectory] | None:
-        """What is left of the last plan: as a seed, and as it was."""
+    def _continue(self, cycle: Cycle) -> tuple[Seed, Trajectory, bool] | None:
+        """What is left of the last plan, as a seed and as it was, and whether it has settled."""
         if self._last is None or self._last.seed is None:
             return None
         last, seed, seen = self._last, self._last.seed, cycle.observation
@@ -172,7 +172,7 @@ class Planner:
         again = Seed(
             seed.road, seen.step, states, last.cost, last.reaches_goal, LAST_PLAN, seed.label
         )
-        return again, rest
+        return again, rest, last.settled or not last.reaches_goal
 
     # -- choice and fallbacks ---------------------------------------------------------------------
 
