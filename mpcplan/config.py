@@ -4,7 +4,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-Backend = Literal["osqp", "piqp", "osqp then piqp", "ipopt", "fatrop"]
+Backend = Literal[
+    "osqp", "piqp", "osqp then piqp", "hpipm", "proxqp", "qpsolvers clarabel", "qpsolvers proxqp",
+    "qpsolvers osqp", "ipopt", "fatrop",
+]  # fmt: skip
 WHOLE = ("ipopt", "fatrop")
 """Backends that solve the nonlinear problem as a whole."""
 
@@ -200,8 +203,8 @@ class RefineConfig(Section):
     settle: float = par(
         0.01,
         "1",
-        "the last plan is refined the whole way to the goal again as long as the last time gained "
-        "more than this share of its cost; 1: never",
+        "where the others' motion is recorded, the last plan is refined the whole way to the goal "
+        "again as long as the last time gained more than this share of its cost; 1: never",
         ge=0,
         le=1,
     )
@@ -308,9 +311,9 @@ class BoundConfig(Section):
     )
     refined: int = par(16, "1", "ways that are refined, the cheapest ones", ge=1, le=1000)
     polished: int = par(
-        5, "1", "refined ways of which the corridor is made anew until they settle", ge=1, le=100
+        3, "1", "refined ways of which the corridor is made anew until they settle", ge=1, le=100
     )
-    rounds: int = par(8, "1", "new corridors at most", ge=0, le=50)
+    rounds: int = par(4, "1", "new corridors at most", ge=0, le=50)
     gain: float = par(1e-3, "1", "relative gain at which a way has settled", ge=0, le=1)
     iterations: int = par(20, "1", "SQP iterations at most", ge=1, le=200)
 

@@ -53,7 +53,8 @@ class Developer:
             option = way()
             if option is None:
                 continue
-            option = replace(option, settled=self._settled(option, kept, settled))
+            if cycle.forecast.exact:  # what is guessed far ahead is not worth it
+                option = replace(option, settled=self._settled(option, kept, settled))
             if kept is not None and kept.finding.ok and kept.cost <= option.cost:
                 option = kept  # what was planned before is still better
             (options if option.finding.ok else refused).append(option)

@@ -20,7 +20,8 @@ from mpcplan.observation import Observation, Snapshot
 from mpcplan.plan import Plan
 from mpcplan.planner import Planner
 from mpcplan.predict.recorded import record
-from mpcplan.refine.qp import Answer, QpSolver
+from mpcplan.refine.backends import Answer
+from mpcplan.refine.qp import QpSolver
 from mpcplan.road.goal import is_reached
 from mpcplan.scenario import LoadedScenario, load
 from mpcplan.simulate.loop import HISTORY, drive

@@ -13,11 +13,12 @@ from reference_ocp import DT, Reference, Track, frame_of, occupancy_of, road_of,
 
 from mpcplan.config import Config
 from mpcplan.predict.occupancy import Occupancy
+from mpcplan.refine.backends import Answer
 from mpcplan.refine.constraints import Iterate
 from mpcplan.refine.corridor import build_corridor
 from mpcplan.refine.model import linearise, propagate
 from mpcplan.refine.problem import SLACK_CURVATURE, Problem
-from mpcplan.refine.qp import Answer, QpSolver
+from mpcplan.refine.qp import QpSolver
 from mpcplan.refine.refine import refine
 from mpcplan.refine.sqp import SqpResult, solve
 from mpcplan.road.goal import GoalWindow

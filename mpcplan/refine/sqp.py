@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from mpcplan.config import WHOLE, RefineConfig
+from mpcplan.config import WHOLE, Backend, RefineConfig
+from mpcplan.refine.backends import Answer
 from mpcplan.refine.constraints import Iterate
 from mpcplan.refine.problem import STATE_SCALE, Problem, Quadratic
 from mpcplan.refine.qp import QpSolver
@@ -96,7 +97,7 @@ def solve(problem: Problem, config: RefineConfig, fresh: bool = True) -> SqpResu
     if backend in WHOLE:
         return _whole(problem, backend, config)
     most = config.fresh_iterations if fresh else config.iterations
-    solver = QpSolver(problem.scales(), backend, config.qp_iterations, config.qp_tolerance)
+    solver = _solver(problem, backend, config)
     z = problem.initial()
     before = problem.objective(z) + problem.penalty(z)
     status, qp_iterations, iteration = "iteration limit", 0, 0
@@ -104,7 +105,7 @@ def solve(problem: Problem, config: RefineConfig, fresh: bool = True) -> SqpResu
     damping = config.damping
     for iteration in range(1, most + 1):  # noqa: B007 (told in the result)
         model = problem.quadratic(z, damping)
-        answer = solver.solve(model.hessian, model.gradient, model.matrix, model.low, model.high)
+        answer = _solved(solver, model)
         qp_iterations += answer.iterations
         if not answer.usable:
             status = f"{FAILED}: {answer.status}"
@@ -130,14 +131,23 @@ def solve(problem: Problem, config: RefineConfig, fresh: bool = True) -> SqpResu
     return SqpResult(z, status, iteration, qp_iterations, kkt, before, after)
 
 
+def _solver(problem: Problem, backend: Backend, config: RefineConfig) -> QpSolver:
+    return QpSolver(
+        problem.scales(), problem.layout, backend, config.qp_iterations, config.qp_tolerance
+    )
+
+
+def _solved(solver: QpSolver, model: Quadratic) -> Answer:
+    return solver.solve(model.hessian, model.gradient, model.matrix, model.low, model.high)
+
+
 def _whole(problem: Problem, backend: str, config: RefineConfig) -> SqpResult:
     """The result of a solver of the whole problem; multipliers are those of an exact step."""
     z = problem.initial()
     before = problem.objective(z) + problem.penalty(z)
     answer = solve_whole(problem, backend, config.whole_iterations)
     model = problem.quadratic(answer.z)
-    solver = QpSolver(problem.scales(), "piqp", config.qp_iterations, config.qp_tolerance)
-    step = solver.solve(model.hessian, model.gradient, model.matrix, model.low, model.high)
+    step = _solved(_solver(problem, "piqp", config), model)
     kkt = _residuals(problem, answer.z, model, step.y)
     after = problem.objective(answer.z) + problem.penalty(answer.z)
     status = "converged" if answer.ok else f"{FAILED}: {answer.status}"

@@ -1,0 +1,266 @@
+"""Solvers of quadratic problems, one interface: min p' H p / 2 + g' p  s.t.  low <= A p <= high.
+
+OSQP is called directly, PIQP, ProxQP and HPIPM through CasADi's conic plugins, others through
+qpsolvers. HPIPM, made for optimal control, wants the problem stage by stage
+(:mod:`mpcplan.refine.stages`).
+
+Sources: Stellato et al.: OSQP, Mathematical Programming Computation 12 (2020); Schwan, Jiang, Kuhn,
+Jones: PIQP, a proximal interior-point quadratic programming solver (CDC 2023); Bambade et al.:
+ProxQP, an efficient and versatile quadratic programming solver (2023); Frison, Diehl: HPIPM, a
+high-performance quadratic programming framework for model predictive control (IFAC 2020).
+"""
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import casadi as ca
+import numpy as np
+import osqp
+import scipy.sparse as sp
+
+from mpcplan.errors import InputError
+from mpcplan.refine.layout import Layout
+from mpcplan.refine.stages import Stages, stages_of
+from mpcplan.trajectory import Array
+
+POLISHED, EXACT = "solved and polished", "solved by interior point"
+SOLVED = {POLISHED, EXACT, "solved", "solved inaccurate", "maximum iterations reached"}
+FREE = 500.0  # scaled bounds beyond this are none
+RHO = 1.0
+RHO_INTERVAL = 25  # iterations between updates of rho; the default goes by wall-clock time
+CHECK_INTERVAL = 10
+LIBRARY = "qpsolvers "  # how the names of qpsolvers' solvers begin
+UNBUFFERED = ("hpipm",)  # solves wrongly from the second time on through CasADi's buffer
+HPIPM = {"iter_max": 60, "res_g_max": 1e-4, "res_b_max": 1e-6, "res_d_max": 1e-6, "res_m_max": 1e-6}
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """A QP's answer: step, multipliers, the solver's status and iterations."""
+
+    p: Array
+    y: Array
+    status: str
+    iterations: int
+
+    @property
+    def usable(self) -> bool:
+        """Whether the step may be tried: finite, and of a status that has one."""
+        return self.status in SOLVED and bool(np.isfinite(self.p).all())
+
+
+@dataclass(frozen=True, eq=False)
+class Scaled:
+    """A problem in scaled variables and rows; ``hessian`` is the upper triangle."""
+
+    hessian: sp.csc_matrix
+    gradient: Array
+    matrix: sp.csc_matrix
+    low: Array
+    high: Array
+
+
+class QpBackend(Protocol):
+    """Solves problems of one sparsity one after the other."""
+
+    def __call__(self, problem: Scaled, y: Array | None) -> Answer:
+        """The answer; ``y`` are the multipliers of the problem before, in this one's scale."""
+        ...
+
+
+def make_backend(name: str, layout: Layout, iterations: int, tolerance: float) -> QpBackend:
+    """The solver of a name.
+
+    Raises:
+        InputError: it is one of qpsolvers' and not installed.
+    """
+    if name == "osqp":
+        return OsqpBackend(iterations, tolerance)
+    if name == "hpipm":
+        return HpipmBackend(stages_of(layout))
+    return LibraryBackend(name) if name.startswith(LIBRARY) else ConicBackend(name, {})
+
+
+class OsqpBackend:
+    """OSQP with polishing, warm-started with the multipliers before."""
+
+    def __init__(self, iterations: int, tolerance: float) -> None:
+        self._settings = {
+            "verbose": False,
+            "max_iter": iterations,
+            "eps_abs": tolerance,
+            "eps_rel": tolerance,
+            "rho": RHO,
+            "adaptive_rho_interval": RHO_INTERVAL,
+            "check_termination": CHECK_INTERVAL,
+            "polish": True,
+            "scaling": 0,
+        }
+        self._solver: osqp.OSQP | None = None
+
+    def __call__(self, problem: Scaled, y: Array | None) -> Answer:
+        """OSQP's answer."""
+        h, g, a, low, high = (getattr(problem, name) for name in Scaled.__dataclass_fields__)
+        if self._solver is None:
+            self._solver = osqp.OSQP()
+            self._solver.setup(h, g, a, low, high, **self._settings)
+        else:
+            self._solver.update(q=g, l=low, u=high, Px=h.data, Ax=a.data)
+            if y is not None:
+                self._solver.warm_start(x=np.zeros(len(g)), y=y)
+        result = self._solver.solve()
+        if result.x is None or result.x[0] is None:
+            return Answer(np.zeros(len(g)), np.zeros(len(low)), "failed", 0)
+        status = POLISHED if result.info.status_polish == 1 else result.info.status
+        return Answer(result.x, result.y, status, int(result.info.iter))
+
+
+class ConicBackend:
+    """One of CasADi's conic plugins, one workspace per sparsity.
+
+    Data goes through CasADi's function buffer, which reads our arrays where they lie: converting
+    them to CasADi's own matrices would cost a sixth of the solution.
+    """
+
+    def __init__(self, plugin: str, options: dict[str, Any]) -> None:
+        self._plugin, self._options = plugin, options
+        self._ready = False
+
+    def __call__(self, problem: Scaled, y: Array | None) -> Answer:
+        """The plugin's answer; it is not warm-started."""
+        if not self._ready:
+            self._prepare(problem.hessian, problem.matrix)
+        low, high = _open(problem)
+        given = (problem.hessian.data[self._mirror], problem.gradient, problem.matrix.data)
+        for array, values in zip(self._data, (*given, low, high), strict=True):
+            array[:] = values
+        stats = self._run()
+        status = EXACT if stats["success"] else f"failed ({stats.get('return_status', '?')})"
+        iterations = max(int(stats.get("iter_count") or 0), 0)  # -1: not told
+        return Answer(self._p.copy(), self._y.copy(), status, iterations)
+
+    def _prepare(self, upper: sp.csc_matrix, a: sp.csc_matrix) -> None:
+        """Builds the solver for a sparsity and ties its arguments to arrays."""
+        h, self._mirror = _whole(upper)
+        options = {"error_on_fail": False, "print_time": False, **self._options}
+        self._patterns = _pattern(h), _pattern(a)
+        pattern = dict(zip("ha", self._patterns, strict=True))
+        self._solver = ca.conic("qp", self._plugin, pattern, options)
+        rows, columns = a.shape
+        self._data = [np.empty(k) for k in (h.nnz, columns, a.nnz, rows, rows)]
+        self._p, self._y = np.empty(columns), np.empty(rows)
+        if self._plugin not in UNBUFFERED:
+            self._bind(columns)
+        self._ready = True
+
+    def _bind(self, columns: int) -> None:
+        """Ties the solver's arguments to our arrays; the buffer does not own what it reads."""
+        made: Any = self._solver.buffer()
+        self._buffer, self._start = made
+        self._bounds = [np.full(columns, -np.inf), np.full(columns, np.inf)]
+        for index, array in enumerate([*self._data, *self._bounds]):  # h, g, a, lba, uba, lbx, ubx
+            self._buffer.set_arg(index, array.data)
+        self._buffer.set_res(0, self._p.data)
+        self._buffer.set_res(2, self._y.data)
+
+    def _run(self) -> dict[str, Any]:
+        """Solves what is in the data; returns the solver's statistics."""
+        if self._plugin not in UNBUFFERED:
+            self._start()
+            stats: dict[str, Any] = self._buffer.stats()
+            return stats
+        h, g, a, low, high = self._data
+        matrices = (ca.DM(p, values) for p, values in zip(self._patterns, (h, a), strict=True))
+        found = self._solver(**dict(zip("ha", matrices, strict=True)), g=g, lba=low, uba=high)
+        self._p[:], self._y[:] = (np.asarray(found[name]).ravel() for name in ("x", "lam_a"))
+        return dict(self._solver.stats())
+
+
+class HpipmBackend:
+    """HPIPM on the problem ordered by stages."""
+
+    def __init__(self, stages: Stages) -> None:
+        self._stages = stages
+        sizes = {"N": len(stages.nx) - 1, "nx": stages.nx, "nu": stages.nu, "ng": stages.ng}
+        self._conic = ConicBackend("hpipm", {**sizes, "hpipm": HPIPM})
+
+    def __call__(self, problem: Scaled, y: Array | None) -> Answer:
+        """HPIPM's answer, in the original order; it is not warm-started."""
+        stages = self._stages
+        whole, mirror = _whole(problem.hessian)
+        whole.data = problem.hessian.data[mirror]
+        h = sp.triu(whole[stages.columns][:, stages.columns]).tocsc()
+        a = problem.matrix[stages.rows][:, stages.columns].tocsc()
+        h.sort_indices()
+        a.sort_indices()
+        ordered = Scaled(
+            h, problem.gradient[stages.columns], a,
+            problem.low[stages.rows], problem.high[stages.rows],
+        )  # fmt: skip
+        found = self._conic(ordered, None)
+        p, multipliers = np.empty_like(found.p), np.empty_like(found.y)
+        p[stages.columns], multipliers[stages.rows] = found.p, found.y
+        return Answer(p, multipliers, found.status, found.iterations)
+
+
+class LibraryBackend:
+    """A solver of the library qpsolvers, by its name there."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name.removeprefix(LIBRARY)
+        try:
+            import qpsolvers
+        except ImportError as error:
+            raise InputError(
+                f"refine backend {name!r} needs qpsolvers: pip install 'mpcplan[solvers]'"
+            ) from error
+        if self._name not in qpsolvers.available_solvers:
+            known = ", ".join(qpsolvers.available_solvers) or "none"
+            raise InputError(
+                f"refine backend {name!r}: qpsolvers does not find this solver, it has: {known}"
+            )
+        self._library = qpsolvers
+
+    def __call__(self, problem: Scaled, y: Array | None) -> Answer:
+        """The solver's answer: equations and inequalities are told apart for it."""
+        low, high = _open(problem)
+        equal, above, below = low == high, np.isfinite(high), np.isfinite(low)
+        above, below = above & ~equal, below & ~equal
+        whole, mirror = _whole(problem.hessian)
+        whole.data = problem.hessian.data[mirror]
+        a = problem.matrix.tocsr()
+        asked = self._library.Problem(
+            whole, problem.gradient, sp.vstack([a[above], -a[below]]).tocsc(),
+            np.concatenate([high[above], -low[below]]), a[equal].tocsc(), low[equal],
+        )  # fmt: skip
+        found = self._library.solve_problem(asked, self._name)
+        multipliers = np.zeros(len(low))
+        if not found.found or found.x is None:
+            return Answer(np.zeros(len(problem.gradient)), multipliers, "failed", 0)
+        multipliers[equal] = found.y
+        multipliers[above] += found.z[: above.sum()]
+        multipliers[below] -= found.z[above.sum() :]
+        return Answer(found.x, multipliers, EXACT, 0)
+
+
+def _open(problem: Scaled) -> tuple[Array, Array]:
+    """Bounds without those that never bind; a row without any keeps one, or PIQP complains."""
+    none = problem.low < -FREE
+    low = np.where(none, -np.inf, problem.low)
+    return low, np.where((problem.high > FREE) & ~none, np.inf, problem.high)
+
+
+def _whole(upper: sp.csc_matrix) -> tuple[sp.csc_matrix, Array]:
+    """The symmetric matrix of an upper triangle, and where each of its entries comes from."""
+    numbered = sp.csc_matrix(
+        (np.arange(1.0, upper.nnz + 1), upper.indices, upper.indptr), shape=upper.shape
+    )
+    whole = (numbered + sp.triu(numbered, 1).T).tocsc()
+    whole.sort_indices()
+    return whole, whole.data.astype(int) - 1
+
+
+def _pattern(matrix: sp.csc_matrix) -> ca.Sparsity:
+    """A CSC matrix's sparsity as CasADi's."""
+    rows, columns = matrix.shape
+    return ca.Sparsity(rows, columns, matrix.indptr.tolist(), matrix.indices.tolist())
