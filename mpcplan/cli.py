@@ -1,4 +1,5 @@
-"""The command line: solve, evaluate, bench, compete, bound, compare, forecasts, twin, config.
+"""The command line: solve, evaluate, bench, compete, bound, bench-solvers, compare,
+forecasts, twin, config.
 
 Exit codes: 0 done (solved, valid), 1 not solved or not valid, 2 bad input, 3 an error of the
 program itself, 130 interrupted. Of many scenarios some may fail: bench ends with 0 when every one
@@ -19,7 +20,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
-from mpcplan.console import progress, quiet
+from mpcplan.console import doing, progress, quiet
 from mpcplan.errors import InputError, MpcplanError, RefereeError
 
 if TYPE_CHECKING:
@@ -120,6 +121,21 @@ def _parser() -> argparse.ArgumentParser:
         help="folder for the solutions (default: out/bounds)",
     )  # fmt: skip
     _add_config(bound)
+
+    solvers = _command(
+        commands, "bench-solvers", _bench_solvers,
+        "compare solvers of the refinement's problem on the problems of real drives",
+    )  # fmt: skip
+    solvers.add_argument(
+        "paths", nargs="+", metavar="PATH", help="scenario files or folders of them"
+    )
+    solvers.add_argument(
+        "--backends", metavar="A,B", help="solvers, see refine.backend (default: a choice)"
+    )
+    solvers.add_argument(
+        "--problems", type=int, default=60, metavar="N", help="of each group at most (60)"
+    )
+    _add_config(solvers)
 
     versus = _command(commands, "compare", _compare, "compare two tables of results")
     versus.add_argument("a", metavar="A", help="results.csv or its folder")
@@ -355,6 +371,22 @@ def _bound(args: argparse.Namespace) -> int:
             failed += 1
             print(f"{name}: {error}", flush=True)
     return FAILED if failed else OK
+
+
+def _bench_solvers(args: argparse.Namespace) -> int:
+    from mpcplan.bench.find import find_scenarios
+    from mpcplan.config_io import load_config
+
+    config = load_config(args.config, args.set)
+    paths = list(find_scenarios(args.paths).values())
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    with quiet() as terminal:
+        from mpcplan.solvers.report import compare_solvers, known_backends
+
+        backends = known_backends(args.backends)
+        told = compare_solvers(paths, backends, config, max(args.problems, 1), doing(terminal))
+    print("\n".join(told).rstrip())
+    return OK
 
 
 def _stop_signals() -> threading.Event:

@@ -6,7 +6,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 Backend = Literal[
     "osqp", "piqp", "osqp then piqp", "hpipm", "proxqp", "qpsolvers clarabel", "qpsolvers proxqp",
-    "qpsolvers osqp", "ipopt", "fatrop",
+    "ipopt", "fatrop",
 ]  # fmt: skip
 WHOLE = ("ipopt", "fatrop")
 """Backends that solve the nonlinear problem as a whole."""
@@ -160,7 +160,10 @@ class SeedConfig(Section):
         (15.0, 40.0), "m", "sampled lengths of a lateral move", min_length=1
     )
     delays: tuple[float, ...] = par(
-        (), "m", "how much further on moves to other lanes may begin as well"
+        (30.0, 60.0),
+        "m",
+        "how much further on moves to other lanes may begin as well, where the others' motion is "
+        "recorded",
     )
     passed: int = par(2, "1", "slow obstacles around which paths lead out and back", ge=0, le=10)
     pass_speed: float = par(5.0, "m/s", "obstacles slower than this may be passed", ge=0, le=30)

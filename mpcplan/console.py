@@ -43,3 +43,14 @@ def progress(terminal: TextIO) -> Callable[[int, int], None] | None:
         terminal.flush()
 
     return tell
+
+
+def doing(terminal: TextIO) -> Callable[[str], None]:
+    """A line that says what is being done on a terminal, silence elsewhere."""
+
+    def tell(what: str) -> None:
+        if terminal.isatty():
+            terminal.write(f"\r\033[K{what}")
+            terminal.flush()
+
+    return tell

@@ -8,7 +8,7 @@ from commonroad.planning.planning_problem import PlanningProblem
 from mpcplan.config import Config
 from mpcplan.cycle import Cycle
 from mpcplan.plan import Option
-from mpcplan.refine.refine import Refined, refine
+from mpcplan.refine.refine import Refined, Watch, refine
 from mpcplan.road.goal import is_reached
 from mpcplan.road.road import Road
 from mpcplan.seed.cost import trajectory_cost
@@ -24,8 +24,12 @@ KEPT = "last plan kept"  # source of the last plan as it was
 class Developer:
     """Makes options of seeds; see the module."""
 
-    def __init__(self, goal: PlanningProblem, guard: Guard, config: Config, dt: float) -> None:
+    def __init__(
+        self, goal: PlanningProblem, guard: Guard, config: Config, dt: float,
+        watch: Watch | None = None,
+    ) -> None:  # fmt: skip
         self._goal, self._guard, self._config, self._dt = goal, guard, config, dt
+        self._watch = watch
 
     def develop(
         self, cycle: Cycle, seed: Seed, options: list[Option], refused: list[Option],
@@ -73,8 +77,9 @@ class Developer:
         around = cycle.around(seed.road)
         with cycle.clock("refine"):
             refined = refine(
-                seed, seen.state, seen.acceleration, around, self._config, self._dt, whole, extra
-            )
+                seed, seen.state, seen.acceleration, around, self._config, self._dt, whole, extra,
+                self._watch,
+            )  # fmt: skip
         if refined is None:
             return None
         if refined.result.failed and refined.result.gained <= 0.0:

@@ -16,6 +16,7 @@ from mpcplan.observation import Forecast, Observation
 from mpcplan.plan import Clock, Option, Plan
 from mpcplan.predict.occupancy import Occupancy
 from mpcplan.predict.predictor import make_predictor
+from mpcplan.refine.refine import Watch
 from mpcplan.road.road import Road, build_roads
 from mpcplan.seed.candidates import Effort, distinct, find_seeds
 from mpcplan.seed.seed import Seed, SeedReport, merged, words
@@ -33,8 +34,15 @@ WORTHWHILE = 0.97  # a new seed is refined beside the last plan if its cost is b
 class Planner:
     """Plans for one planning problem; built once, then called every cycle."""
 
-    def __init__(self, task: Task, config: Config | None = None) -> None:
+    def __init__(
+        self, task: Task, config: Config | None = None, watch: Watch | None = None
+    ) -> None:
         """Builds roads and prediction.
+
+        Args:
+            task: what is to be planned.
+            config: the configuration; None: the defaults.
+            watch: is shown every problem of the refinement.
 
         Raises:
             RoadError: where no route leads to the goal.
@@ -42,13 +50,13 @@ class Planner:
         """
         config = config or Config()
         known = task.recorded is not None and config.predict.kind in ("auto", "recorded")
-        self.config = config if known else _with_reserve(config)
+        self.config = config if known else _for_guesses(config)
         self.problem, self.dt = task.problem, task.dt
         goal = task.problem.planning_problem
         self.roads = build_roads(task.road_map, goal, self.config.road)
         self._predict = make_predictor(task, self.config.predict)
         self._guard = Guard(self.config, self.dt)
-        self._developer = Developer(goal, self._guard, self.config, self.dt)
+        self._developer = Developer(goal, self._guard, self.config, self.dt, watch)
         self._last: Option | None = None
         self._driven: tuple[Trajectory, Forecast] | None = None
         self._occupancies: dict[int, tuple[Forecast, Occupancy]] = {}
@@ -213,11 +221,12 @@ class Planner:
         return stop, _why("emergency braking", reasons)
 
 
-def _with_reserve(config: Config) -> Config:
+def _for_guesses(config: Config) -> Config:
     """The configuration for others whose motion is a guess: the last moment may be too late."""
     reserve = max(config.cost.reserve, config.predict.reserve)
     cost = config.cost.model_copy(update={"reserve": reserve})
-    return config.model_copy(update={"cost": cost})
+    seed = config.seed.model_copy(update={"delays": ()})
+    return config.model_copy(update={"cost": cost, "seed": seed})
 
 
 def _why(what: str, reasons: list[str]) -> str:

@@ -31,11 +31,13 @@ class Bound:
 
     Attributes:
         optima: of every planning problem.
+        run: the optima as a run.
         verdict: the official checker's, valid.
         solution: the file.
     """
 
     optima: tuple[Optimum, ...]
+    run: Run
     verdict: Verdict
     solution: Path
 
@@ -82,11 +84,12 @@ def bound_of(
         Drive(problem.id, optimum.trajectory, optimum.trajectory.last_step, "", (), False)
         for problem, optimum in zip(loaded.problems, optima, strict=True)
     ]
-    solution = Run(loaded, config, tuple(drives)).write_solution(folder)
+    run = Run(loaded, config, tuple(drives))
+    solution = run.write_solution(folder)
     verdict = evaluate(loaded.path, solution, start=start)
     if not verdict.valid or verdict.tr1 is None:
         raise BoundError(f"the official checker refuses the best way: {verdict.cause}")
-    return Bound(tuple(optima), verdict, solution)
+    return Bound(tuple(optima), run, verdict, solution)
 
 
 def bound_of_run(run: Run, judgement: Judgement, folder: Path, start: Start = as_program) -> Bound:

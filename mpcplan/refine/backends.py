@@ -219,7 +219,7 @@ class LibraryBackend:
             raise InputError(
                 f"refine backend {name!r}: qpsolvers does not find this solver, it has: {known}"
             )
-        self._library = qpsolvers
+        self._library: Any = qpsolvers
 
     def __call__(self, problem: Scaled, y: Array | None) -> Answer:
         """The solver's answer: equations and inequalities are told apart for it."""

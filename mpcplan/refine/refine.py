@@ -1,5 +1,6 @@
 """From a seed to a refined plan: corridor, problem, SQP, and the exact drive of its inputs."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +21,9 @@ from mpcplan.vehicle import FORD_ESCORT as CAR
 from mpcplan.vehicle import acceleration_limit, simulate
 
 MIN_STEPS = 2
+
+Watch = Callable[[Problem, bool], None]
+"""Is shown every problem before it is solved, and whether it is a fresh seed's."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,14 +48,38 @@ class Refined:
 
 def refine(
     seed: Seed, state: Array, acceleration: float, occupancy: Occupancy, config: Config, dt: float,
-    fresh: bool, extra: float = 0.0,
+    fresh: bool, extra: float = 0.0, watch: Watch | None = None,
 ) -> Refined | None:  # fmt: skip
     """Refines a seed from a rear-axle state; None where the seed is too short to refine.
 
     Args:
+        seed: what is refined.
+        state: (5,) at its first step.
+        acceleration: in the step before [m/s^2].
+        occupancy: the others along the seed's road.
+        config: the configuration.
+        dt: time step [s].
         fresh: whether the seed was never refined: then the problem may reach to its end.
         extra: margin [m] kept from obstacles and road's edge on top of the configured ones.
+        watch: is shown the problem.
     """
+    problem = make_problem(seed, state, acceleration, occupancy, config, dt, fresh, extra)
+    if problem is None:
+        return None
+    if watch is not None:
+        watch(problem, fresh)
+    start = problem.initial()
+    result = solve(problem, config.refine, fresh)
+    tr1 = (problem.tr1(start), problem.tr1(result.z))
+    trajectory = simulate(state, _inputs(result.z, float(state[State.V]), dt), dt, seed.first_step)
+    return Refined(trajectory, result, tr1)
+
+
+def make_problem(
+    seed: Seed, state: Array, acceleration: float, occupancy: Occupancy, config: Config, dt: float,
+    fresh: bool, extra: float,
+) -> Problem | None:  # fmt: skip
+    """The optimal-control problem of a seed, see :func:`refine`."""
     total = len(seed.states) - 1
     whole = config.refine.horizon == "goal" or (fresh and config.refine.fresh_to_goal)
     n = total if whole else min(total, round(float(config.refine.horizon) / dt))
@@ -61,12 +89,7 @@ def refine(
     x0 = np.array([pose.s, pose.d, pose.mu, state[State.V], pose.delta, acceleration])
     goal = _goal_at_end(seed) if n == total and seed.reaches_goal else None
     corridor = narrowed(build_corridor(seed, occupancy, config), extra)
-    problem = Problem(seed, corridor, x0, goal, n, config, dt, extra)
-    start = problem.initial()
-    result = solve(problem, config.refine, fresh)
-    tr1 = (problem.tr1(start), problem.tr1(result.z))
-    trajectory = simulate(state, _inputs(result.z, float(state[State.V]), dt), dt, seed.first_step)
-    return Refined(trajectory, result, tr1)
+    return Problem(seed, corridor, x0, goal, n, config, dt, extra)
 
 
 def _goal_at_end(seed: Seed) -> GoalWindow | None:

@@ -35,6 +35,8 @@ def find_seeds(
     Args:
         effort: when the speed search runs beside the lattice.
     """
+    if effort is Effort.NEVER:  # there is a plan already, with its lane changes when they are due
+        config = config.model_copy(update={"seed": config.seed.model_copy(update={"delays": ()})})
     grid = lattice(road, state, acceleration, step, occupancy, config, dt)
     seeds, reports = list(grid.seeds), [grid.report]
     reached = any(seed.reaches_goal for seed in seeds)

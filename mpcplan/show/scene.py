@@ -47,11 +47,7 @@ def _driven(run: Run) -> Array:
 
 def draw_scene(axes: Axes, run: Run, traffic: Traffic) -> None:
     """Draws everything into axes whose limits are set."""
-    axes.set_autoscale_on(False)
-    _draw_road(axes, run)
-    for problem in run.loaded.problems:
-        _draw_goal(axes, problem)
-    _draw_traffic(axes, traffic, run.loaded.dt)
+    draw_ground(axes, run, traffic)
     steps = max((drive.trajectory.last_step for drive in run.drives), default=0)
     end = max(steps, 1) * run.loaded.dt
     for index, drive in enumerate(run.drives):
@@ -62,6 +58,15 @@ def draw_scene(axes: Axes, run: Run, traffic: Traffic) -> None:
     _draw_clock(axes, end)
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
+
+
+def draw_ground(axes: Axes, run: Run, traffic: Traffic) -> None:
+    """Draws map, goals and traffic into axes whose limits are set."""
+    axes.set_autoscale_on(False)
+    _draw_road(axes, run)
+    for problem in run.loaded.problems:
+        _draw_goal(axes, problem)
+    _draw_traffic(axes, traffic, run.loaded.dt)
 
 
 def _draw_road(axes: Axes, run: Run) -> None:

@@ -1,0 +1,1 @@
+"""Solvers of the refinement's problem compared on the problems of real runs."""

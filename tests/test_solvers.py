@@ -1,0 +1,157 @@
+"""Solvers of the refinement's problem: they agree, they are compared, and what is wrong is told."""
+
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from test_refine import busy_problem, with_refine
+
+from mpcplan.config import Config
+from mpcplan.errors import InputError
+from mpcplan.refine.backends import EXACT, Answer, make_backend
+from mpcplan.refine.layout import layout
+from mpcplan.refine.problem import Problem
+from mpcplan.refine.qp import QpSolver
+from mpcplan.refine.sqp import solve
+from mpcplan.refine.stages import stages_of
+from mpcplan.solvers import compare
+from mpcplan.solvers.compare import lines, try_solvers
+from mpcplan.solvers.record import GOES_ON, TO_GOAL, Recorded, chosen, record_problems
+from mpcplan.solvers.report import DEFAULT, known_backends
+
+ROOT = Path(__file__).resolve().parents[1]
+ONCOMING = ROOT / "scenarios" / "ZAM_Oncoming-1_1_T-1.xml"
+INTERIOR = ("piqp", "hpipm", "proxqp")
+LIBRARY = ("qpsolvers clarabel", "qpsolvers proxqp")
+
+
+def answer_of(problem: Problem, backend: str, times: int = 1) -> Answer:
+    """The answer to a problem's first subproblem, asked several times of the same solver."""
+    solver = QpSolver(problem.scales(), problem.layout, backend, 4000, 1e-7)
+    model = problem.quadratic(problem.initial(), 1e-3)
+    for _ in range(times):
+        answer = solver.solve(model.hessian, model.gradient, model.matrix, model.low, model.high)
+    return answer
+
+
+@pytest.mark.parametrize("backend", INTERIOR)
+@pytest.mark.parametrize("goal", [True, False])
+def test_solvers_give_the_same_step_and_multipliers(backend, goal):
+    problem = busy_problem(goal, 12)
+    expected, found = answer_of(problem, "piqp"), answer_of(problem, backend)
+    assert found.status == EXACT and found.usable
+    assert found.p / problem.scales() == pytest.approx(expected.p / problem.scales(), abs=2e-4)
+    model = problem.quadratic(problem.initial(), 1e-3)
+    whole = model.hessian + model.hessian.T
+    whole.setdiag(model.hessian.diagonal())
+    residual = whole @ found.p + model.gradient + model.matrix.T @ found.y
+    assert np.abs(residual * problem.scales()).max() < 1e-3
+    value = model.matrix @ found.p
+    assert np.maximum(model.low - value, value - model.high).max() < 1e-5
+
+
+@pytest.mark.parametrize("backend", INTERIOR)
+def test_a_solver_answers_the_second_time_as_the_first(backend):
+    """HPIPM through a buffer did not."""
+    problem = busy_problem(True, 12)
+    config = with_refine(Config(), fresh_backend=backend)
+    expected = solve(problem, with_refine(Config(), fresh_backend="piqp").refine)
+    found = solve(problem, config.refine)
+    assert found.status == "converged"
+    assert found.cost_after == pytest.approx(expected.cost_after, rel=1e-4)
+    once, twice = answer_of(problem, backend), answer_of(problem, backend, times=2)
+    assert twice.p == pytest.approx(once.p, abs=1e-5)
+
+
+@pytest.mark.parametrize("backend", LIBRARY)
+def test_solvers_of_the_library(backend):
+    pytest.importorskip("qpsolvers", reason="the extra 'solvers' is not installed")
+    problem = busy_problem(True, 12)
+    expected, found = answer_of(problem, "piqp"), answer_of(problem, backend)
+    assert found.usable
+    assert found.p / problem.scales() == pytest.approx(expected.p / problem.scales(), abs=5e-3)
+
+
+def test_a_library_that_is_not_there_is_told(monkeypatch):
+    monkeypatch.setitem(sys.modules, "qpsolvers", None)
+    with pytest.raises(InputError, match=r"needs qpsolvers: pip install 'mpcplan\[solvers\]'"):
+        make_backend("qpsolvers clarabel", layout(5), 100, 1e-4)
+    monkeypatch.setitem(sys.modules, "qpsolvers", SimpleNamespace(available_solvers=["cvxopt"]))
+    with pytest.raises(InputError, match="does not find this solver, it has: cvxopt"):
+        make_backend("qpsolvers clarabel", layout(5), 100, 1e-4)
+
+
+def test_the_order_by_stages_is_one():
+    """Every variable and row once; dynamics before the rest; no row reaches beyond its stage."""
+    lay = layout(7)
+    stages = stages_of(lay)
+    assert sorted(stages.columns) == list(range(lay.n_vars))
+    assert sorted(stages.rows) == list(range(lay.n_rows))
+    assert sum(stages.nx) + sum(stages.nu) == lay.n_vars
+    assert sum(stages.ng) + sum(stages.nx[1:]) == lay.n_rows
+    ends = np.cumsum(np.add(stages.nx, stages.nu))
+    place = np.argsort(stages.columns)
+    matrix = lay.matrix(np.ones(len(lay.rows))).tocsr()[stages.rows]
+    at = 0
+    for k, (following, others) in enumerate(zip([*stages.nx[1:], 0], stages.ng, strict=True)):
+        first = ends[k - 1] if k else 0
+        for row in range(at, at + following + others):
+            used = place[matrix.indices[matrix.indptr[row] : matrix.indptr[row + 1]]]
+            beyond = ends[k] + (following if row < at + following else 0)
+            assert used.min() >= first and used.max() < beyond
+        at += following + others
+
+
+# -- comparison -----------------------------------------------------------------------------------
+
+
+def test_problems_of_a_run_are_recorded():
+    problems = record_problems(ONCOMING, Config())
+    assert {recorded.kind for recorded in problems} == {GOES_ON, TO_GOAL}
+    short = chosen(problems, GOES_ON, (30, 30), 5)
+    assert 0 < len(short) <= 5 and all(recorded.problem.n == 30 for recorded in short)
+    assert len(chosen(problems, GOES_ON, (30, 30), 1)) == 1
+
+
+def test_the_table(monkeypatch):
+    problems = [Recorded("made", TO_GOAL, busy_problem(goal, 12)) for goal in (True, False)]
+    columns = try_solvers(problems, ("piqp", "ipopt"), Config())
+    head, piqp, ipopt = lines(columns)
+    assert head[0] == "solver" and (piqp[0], ipopt[0]) == ("piqp", "ipopt")
+    assert piqp[1] == ipopt[1] == "2 of 2"
+    assert float(ipopt[6]) == 1.0 and float(ipopt[8]) == 1.0
+    assert float(piqp[8]) == pytest.approx(1.0, abs=1e-3) and piqp[10] == "2 of 2"
+    (_, alone) = lines(columns[:1])
+    assert alone[6] == alone[8] == "-"
+
+
+def test_a_slow_solver_is_given_up(monkeypatch):
+    monkeypatch.setattr(compare, "GIVE_UP", 0.0)
+    problems = [Recorded("made", TO_GOAL, busy_problem(True, 12))] * 3
+    (column,) = try_solvers(problems, ("piqp",), Config())
+    assert [trial is None for trial in column.trials] == [False, True, True]
+    assert lines([column])[1][1] == "1 of 3"
+
+
+def test_names_of_solvers():
+    assert known_backends(None) == list(DEFAULT)
+    assert known_backends("osqp, fatrop") == ["osqp", "fatrop"]
+    with pytest.raises(InputError, match="no solver 'simplex'; there are: osqp, piqp"):
+        known_backends("osqp,simplex")
+
+
+def test_the_command(tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-m", "mpcplan", "bench-solvers", str(ONCOMING), "--problems", "3",
+         "--backends", "osqp,piqp"],
+        capture_output=True, text=True, cwd=ROOT, check=True, timeout=300,
+    )  # fmt: skip
+    assert done.stderr == "" and done.stdout.startswith("goes on, 30 steps: 3 problems of 1 ")
+    done = subprocess.run(
+        [sys.executable, "-m", "mpcplan", "bench-solvers", str(ONCOMING), "--backends", "x"],
+        capture_output=True, text=True, cwd=ROOT, check=False, timeout=300,
+    )  # fmt: skip
+    assert done.returncode == 2 and done.stderr.startswith("error: no solver 'x'")
