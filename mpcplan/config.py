@@ -54,7 +54,7 @@ class CostConfig(Section):
 class RoadConfig(Section):
     """Route, reference path and limits of the drivable area."""
 
-    variants: int = par(3, "1", "routes considered at most", ge=1, le=10)
+    variants: int = par(8, "1", "routes considered at most", ge=1, le=10)
     spacing: float = par(0.5, "m", "sampling of the reference path", gt=0.05, le=2)
     smoothing: float = par(
         2.0, "m^4", "penalty on the second derivative of the reference path", ge=0, le=1e5
@@ -86,6 +86,9 @@ class PredictConfig(Section):
     horizon: float = par(3.0, "s", "length of constant_input's prediction", gt=0.1, le=20)
     history: int = par(
         5, "1", "past boxes from which constant_input fits acceleration and yaw rate", ge=2, le=50
+    )
+    variants: int = par(
+        3, "1", "routes considered at most where the others' motion is a guess", ge=1, le=10
     )
     reserve: float = par(
         0.25, "1", "cost.reserve is at least this where the others' motion is a guess", ge=0, le=0.9

@@ -225,8 +225,13 @@ def _for_guesses(config: Config) -> Config:
     """The configuration for others whose motion is a guess: the last moment may be too late."""
     reserve = max(config.cost.reserve, config.predict.reserve)
     cost = config.cost.model_copy(update={"reserve": reserve})
-    seed = config.seed.model_copy(update={"delays": ()})
-    return config.model_copy(update={"cost": cost, "seed": seed})
+    variants = min(config.road.variants, config.predict.variants)
+    changes = {
+        "cost": cost,
+        "road": config.road.model_copy(update={"variants": variants}),
+        "seed": config.seed.model_copy(update={"delays": ()}),
+    }
+    return config.model_copy(update=changes)
 
 
 def _why(what: str, reasons: list[str]) -> str:
