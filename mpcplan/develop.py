@@ -121,7 +121,9 @@ class Developer:
         seen = cycle.observation
         states = frenet_states(road.frame, trajectory, seen.acceleration)
         around = cycle.around(road)
-        return trajectory_cost(road, states, seen.step, reaches, around, self._config, self._dt)
+        return trajectory_cost(
+            road, states, seen.step, reaches, around, self._config, self._dt, cycle.forecast.exact
+        )
 
     def _goal_step(self, trajectory: Trajectory) -> int | None:
         """The first time step at which the goal is reached."""

@@ -28,7 +28,7 @@ from mpcplan.simulate.loop import HISTORY, drive
 from mpcplan.simulate.recorded import RecordedTraffic
 from mpcplan.simulate.run import Run
 from mpcplan.task import task_of
-from mpcplan.trajectory import State
+from mpcplan.trajectory import State, Trajectory
 from mpcplan.vehicle import FORD_ESCORT
 from mpcplan.verify.drivability import separation, verify
 
@@ -93,6 +93,44 @@ def test_a_plan_ends_in_the_goal_or_at_rest(name):
     else:
         assert last[State.V] == pytest.approx(0.0, abs=1e-6)
     assert plan.reaches_goal  # these three have an easy way to the goal
+
+
+def test_a_lane_change_that_can_wait_waits():
+    """Beside a car in the lane of the goal: behind it at once is dear, ahead of it later cheap."""
+    loaded = bundled("LaneChange")
+    early = configured(seed={"delays": ()})
+    now, later = (drive(loaded, config).drives[0] for config in (early, Config()))
+    assert now.reached_step is not None and later.reached_step is not None
+
+    def aside(trajectory: Trajectory) -> float:
+        """How far the vehicle has left its lane after three seconds [m]."""
+        start, state = trajectory.states[0], trajectory.state_at(30)
+        way = state[[State.X, State.Y]] - start[[State.X, State.Y]]
+        return abs(float(way @ [-np.sin(start[State.PSI]), np.cos(start[State.PSI])]))
+
+    assert aside(now.trajectory) > 1.0 > 0.2 > aside(later.trajectory)
+
+
+def test_where_motion_is_a_guess_there_are_fewer_routes_and_no_delays():
+    loaded = bundled("LaneChange")
+    task = task_of(loaded, loaded.problems[0])
+    known, guessed = Planner(task), Planner(task, BLIND)
+    assert known.config == Config()
+    assert guessed.config.seed.delays == ()
+    assert guessed.config.road.variants == Config().predict.variants
+
+
+def test_a_new_plan_is_refined_the_whole_way_until_it_settles():
+    """The second cycle refines to the goal again; with 'settle' at 1 only what is near."""
+    loaded = bundled("Oncoming")
+
+    def steps(config: Config) -> list[int]:
+        cycles = drive(loaded, config).drives[0].cycles[1:8]
+        return [c.plan.trace["refine"]["steps"] for c in cycles if c.plan.trace["refine"]]
+
+    near = round(Config().refine.horizon / loaded.dt)
+    assert max(steps(configured(refine={"settle": 1.0})), default=0) <= near
+    assert max(steps(Config())) > near
 
 
 def test_a_plan_that_cannot_reach_its_goal_ends_at_rest(tmp_path):

@@ -14,6 +14,7 @@ from matplotlib.lines import Line2D
 from mpcplan.observation import Box
 from mpcplan.scenario import load
 from mpcplan.show import plot_run
+from mpcplan.show.comparison import Compared, plot_comparison
 from mpcplan.show.gap import REACH, gap_ahead
 from mpcplan.show.strips import STRIPS
 from mpcplan.trajectory import State
@@ -46,6 +47,23 @@ def test_file_and_title(loaded, tmp_path):
     figure = plot_run(fake_run.run(loaded), path)
     assert path.read_bytes().startswith(PNG)
     assert figure.get_suptitle() == "ZAM_Straight-1_1_T-1: solved"
+
+
+def test_drives_are_compared(loaded, tmp_path):
+    """The ways, the strips and a bar of costs for each drive."""
+    parts = {"Jlon": 100.0, "SR": 0.05, "D": 0.25, "LC": 1.0}
+    cheap = {name: value / 2 for name, value in parts.items()}
+    run, path = fake_run.run(loaded), tmp_path / "compared.png"
+    figure = plot_comparison([Compared("a", run, parts), Compared("b", run, cheap)], path)
+    assert path.read_bytes().startswith(PNG)
+    scene, *strips, costs = figure.axes
+    assert [text.get_text() for text in scene.get_legend().get_texts()] == ["a", "b"]
+    assert strips[0].get_title() == "speed [m/s]" and len(strips) == 4
+    for axes in strips:
+        assert len(axes.lines) + len(axes.patches) >= 2 * len(run.drives)
+    assert [text.get_text() for text in costs.texts] == ["4.60", "2.30"]
+    heights = [sum(bar.get_height() for bar in bars) for bars in costs.containers]
+    assert heights == pytest.approx([1.5, 1.65, 3.0, 0.75])
 
 
 @pytest.mark.parametrize("suffix", [".pdf", ".svg"])

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 _DPI = 110
 _SIZE = (13.0, 8.0)  # inches
 _STRIPS = ("speed [m/s]", "acceleration [m/s²]", "steering angle [rad]", "gap ahead [m]")
+_COLOURS = (colours.PROBLEMS[0], colours.PROBLEMS[1], colours.PROBLEMS[3], colours.PROBLEMS[2])
 _PART_COLOURS = dict(zip(PARTS, ("#0072B2", "#E69F00", "#CC79A7", "#999999"), strict=True))
 _LEAST = (1.0, 1.0, 0.05, 10.0)  # ranges of the strips at least, so that noise does not fill one
 _LIFTED = 1.12  # of the highest bar, for the labels above
@@ -65,7 +66,7 @@ def plot_comparison(compared: Sequence[Compared], path: str | Path | None = None
     _draw_paths(figure.add_subplot(grid[0, :]), compared)
     strips = [figure.add_subplot(grid[1, i]) for i in range(len(_STRIPS))]
     for index, one in enumerate(compared):
-        _draw_strips(strips, one, colours.of_problem(index))
+        _draw_strips(strips, one, _COLOURS[index % len(_COLOURS)])
     for axes, label, least in zip(strips, _STRIPS, _LEAST, strict=True):
         low, high = axes.get_ylim()
         axes.set_ylim(min(low, -least) if low < 0 else 0.0, max(high, least))
@@ -92,7 +93,7 @@ def _draw_paths(axes: Axes, compared: Sequence[Compared]) -> None:
     for index, one in enumerate(compared):
         for number, drive in enumerate(one.run.drives):
             label = one.name if number == 0 else None
-            colour = colours.of_problem(index)
+            colour = _COLOURS[index % len(_COLOURS)]
             axes.plot(*centres(drive.trajectory.states).T, color=colour, lw=1.6, label=label)
     axes.legend(loc="upper right", fontsize=9)
     axes.tick_params(labelsize=8)
