@@ -27,6 +27,7 @@ from mpcplan.road.goal import GoalWindow
 from mpcplan.road.road import Road
 from mpcplan.seed.blocked import block
 from mpcplan.seed.candidates import Effort, find_seeds
+from mpcplan.seed.cost import evaluated_jerk
 from mpcplan.seed.lattice import lattice
 from mpcplan.seed.paths import Paths, frenet_pose, sample_paths
 from mpcplan.seed.polynomials import evaluate, quartic, quintic
@@ -540,6 +541,54 @@ def test_a_search_without_a_way_answers_nothing():
     paths = paths_on(road, state)
     grid = block(window.window(0, 16), paths, SeedConfig(), Config().cost)
     assert search(road, paths, grid, 0, 20.0, 0.0, 0, Config(), DT) is None
+
+
+# -- cost -----------------------------------------------------------------------------------------
+
+
+def along_a_straight(a: Array, v0: float = 10.0) -> Array:
+    """Frenet states with accelerations (n,) held over the steps."""
+    states = np.zeros((len(a) + 1, len(Stage)))
+    states[1:, Stage.A] = a
+    states[:, Stage.V] = v0 + np.concatenate([[0.0], np.cumsum(a * DT)])
+    v = states[:, Stage.V]
+    states[1:, Stage.S] = np.cumsum((v[1:] + v[:-1]) / 2 * DT)
+    return states
+
+
+def test_the_evaluated_jerk_of_constant_jerk_is_that():
+    jerk = evaluated_jerk(along_a_straight(0.5 * DT * np.arange(60)), DT, True, True)
+    assert jerk[8:-8] == pytest.approx(0.5, abs=0.01)
+
+
+def test_a_part_of_a_drive_that_goes_on_as_it_was_has_no_evaluated_jerk():
+    """Also at its first and last state."""
+    states = along_a_straight(np.full(20, 1.5))
+    states[0, Stage.A] = 1.5
+    assert evaluated_jerk(states, DT, False, False) == pytest.approx(0.0, abs=1e-8)
+
+
+def test_where_a_drive_begins_and_ends_its_acceleration_counts_as_jerk():
+    """One-sided differences: a / (4 dt) at the two outer states."""
+    jerk = evaluated_jerk(along_a_straight(np.full(40, 1.5)), DT, True, True)
+    assert np.abs(jerk[[0, 1, -2, -1]]) == pytest.approx(1.5 / (4 * DT))
+    assert jerk[3:-3] == pytest.approx(0.0, abs=1e-8)
+
+
+def test_the_evaluator_smooths_a_jolt():
+    """A step of the acceleration costs a fraction of its own jerk."""
+    jerk = evaluated_jerk(along_a_straight(np.repeat([0.0, 1.0], 30)), DT, True, False)[3:-3]
+    assert DT * (jerk**2).sum() < 0.2 * DT * (1.0 / DT) ** 2
+    assert DT * jerk.sum() == pytest.approx(1.0, rel=0.05)
+
+
+def test_a_part_of_a_drive_that_sets_in_with_another_acceleration_has_jerk():
+    states = along_a_straight(np.full(30, 2.0))
+    assert np.abs(evaluated_jerk(states, DT, False, False)).max() > 1.0
+
+
+def test_very_short_drives_have_no_evaluated_jerk():
+    assert evaluated_jerk(along_a_straight(np.ones(1)), DT, True, True) == pytest.approx([0, 0])
 
 
 # -- tracking -------------------------------------------------------------------------------------
