@@ -29,7 +29,8 @@ _STRIPS = ("speed [m/s]", "acceleration [m/s²]", "steering angle [rad]", "gap a
 _COLOURS = (colours.PROBLEMS[0], colours.PROBLEMS[1], colours.PROBLEMS[3], colours.PROBLEMS[2])
 _PART_COLOURS = dict(zip(PARTS, ("#0072B2", "#E69F00", "#CC79A7", "#999999"), strict=True))
 _LEAST = (1.0, 1.0, 0.05, 10.0)  # ranges of the strips at least, so that noise does not fill one
-_LIFTED = 1.12  # of the highest bar, for the labels above
+_SIGNED = (False, True, True, False)  # whether a strip's values may be negative
+_LIFTED = 1.25  # of the highest bar, for the labels above
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,9 +68,9 @@ def plot_comparison(compared: Sequence[Compared], path: str | Path | None = None
     strips = [figure.add_subplot(grid[1, i]) for i in range(len(_STRIPS))]
     for index, one in enumerate(compared):
         _draw_strips(strips, one, _COLOURS[index % len(_COLOURS)])
-    for axes, label, least in zip(strips, _STRIPS, _LEAST, strict=True):
+    for axes, label, least, signed in zip(strips, _STRIPS, _LEAST, _SIGNED, strict=True):
         low, high = axes.get_ylim()
-        axes.set_ylim(min(low, -least) if low < 0 else 0.0, max(high, least))
+        axes.set_ylim(min(low, -least) if signed else 0.0, max(high, least))
         axes.set_title(label, fontsize=9)
         axes.set_xlabel("time [s]", fontsize=8)
         axes.grid(color="#e4e4e4", lw=0.6)
@@ -125,4 +126,4 @@ def _draw_costs(axes: Axes, compared: Sequence[Compared]) -> None:
     axes.set_ylim(0, max(_LIFTED * below.max(), 1e-3))
     axes.set_title("TR1", fontsize=9)
     axes.tick_params(labelsize=8)
-    axes.legend(fontsize=7, loc="upper right")
+    axes.legend(fontsize=7, loc="upper center", ncols=len(PARTS), columnspacing=0.8, handlelength=1)
