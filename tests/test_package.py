@@ -30,8 +30,11 @@ MODULES = {  # import name by distribution, where the two differ
     "pyyaml": "yaml",
 }
 # the checker imports the first two for the cost and the vehicle: pinned here, since verdicts depend
-# on them; the last one brings the converter's program
-INDIRECT = {"commonroad_clcs", "commonroad_vehicle_models", "eclipse_sumo"}
+# on them; then the converter's program, and solvers behind qpsolvers
+INDIRECT = {
+    *("commonroad_clcs", "commonroad_vehicle_models", "eclipse_sumo"),
+    *("clarabel", "proxsuite"),
+}
 
 
 def _declared() -> set[str]:
