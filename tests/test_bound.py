@@ -31,6 +31,7 @@ from mpcplan.task import task_of
 
 ROOT = Path(__file__).resolve().parents[1]
 LANE_CHANGE = ROOT / "scenarios" / "ZAM_LaneChange-1_1_T-1.xml"
+BRIEF = {"refined": 3, "polished": 1, "rounds": 1}  # enough to see that it works
 
 
 # -- the whole problem ----------------------------------------------------------------------------
@@ -188,7 +189,8 @@ def test_lane_changes_may_begin_later():
 def test_the_bound_is_no_dearer_than_the_drive():
     loaded = load(LANE_CHANGE)
     run = drive(loaded)
-    search = Clairvoyant(task_of(loaded, loaded.problems[0]), run.config)
+    config = run.config.model_copy(update={"bound": run.config.bound.model_copy(update=BRIEF)})
+    search = Clairvoyant(task_of(loaded, loaded.problems[0]), config)
     alone = search.optimum()
     beside = search.optimum(run.drives[0].trajectory)
     assert beside.cost <= alone.cost + 1e-9
@@ -197,15 +199,17 @@ def test_the_bound_is_no_dearer_than_the_drive():
 
 
 def test_the_command_and_the_column(tmp_path):
+    brief = [word for key, value in BRIEF.items() for word in ("--set", f"bound.{key}={value}")]
     done = subprocess.run(
-        [sys.executable, "-m", "mpcplan", "bound", str(LANE_CHANGE), "--out", str(tmp_path / "b")],
+        [sys.executable, "-m", "mpcplan", "bound", str(LANE_CHANGE), "--out", str(tmp_path / "b"),
+         *brief],
         capture_output=True, text=True, cwd=ROOT, check=True, timeout=300,
     )  # fmt: skip
     assert done.stderr == "" and done.stdout.startswith("ZAM_LaneChange-1_1_T-1: TR1 0.")
     assert (tmp_path / "b" / "solution_KS1:TR1:ZAM_LaneChange-1_1_T-1:2020a.xml").is_file()
     done = subprocess.run(
         [sys.executable, "-m", "mpcplan", "bench", str(LANE_CHANGE), "--bound",
-         "--out", str(tmp_path / "r")],
+         "--out", str(tmp_path / "r"), *brief],
         capture_output=True, text=True, cwd=ROOT, check=True, timeout=300,
     )  # fmt: skip
     assert "gap to the bound: median" in done.stdout

@@ -27,7 +27,7 @@ from mpcplan.scenario import LoadedScenario, load
 from mpcplan.simulate.loop import HISTORY, drive
 from mpcplan.simulate.recorded import RecordedTraffic
 from mpcplan.simulate.run import Run
-from mpcplan.task import task_of
+from mpcplan.task import Task, task_of
 from mpcplan.trajectory import State, Trajectory
 from mpcplan.vehicle import FORD_ESCORT
 from mpcplan.verify.drivability import separation, verify
@@ -120,17 +120,26 @@ def test_where_motion_is_a_guess_there_are_fewer_routes_and_no_delays():
     assert guessed.config.road.variants == Config().predict.variants
 
 
-def test_a_new_plan_is_refined_the_whole_way_until_it_settles():
-    """The second cycle refines to the goal again; with 'settle' at 1 only what is near."""
+def test_a_new_plan_is_refined_the_whole_way_again():
+    """In the second cycle, once at least; with 'settle' at 1 only what is near."""
     loaded = bundled("Oncoming")
 
-    def steps(config: Config) -> list[int]:
-        cycles = drive(loaded, config).drives[0].cycles[1:8]
-        return [c.plan.trace["refine"]["steps"] for c in cycles if c.plan.trace["refine"]]
+    def lengths(settle: float) -> list[int]:
+        """Steps of the problems of the second cycle."""
+        problems: list[tuple[int, int]] = []
+        config = configured(refine={"settle": settle}, drive={"steps_max": 6})
+
+        def planner(task: Task, config: Config) -> Planner:
+            return Planner(task, config, lambda problem, _: problems.append(
+                (problem.seed.first_step, problem.n)
+            ))  # fmt: skip
+
+        drive(loaded, config, planner=planner)
+        return [n for step, n in problems if step == 3]
 
     near = round(Config().refine.horizon / loaded.dt)
-    assert max(steps(configured(refine={"settle": 1.0})), default=0) <= near
-    assert max(steps(Config())) > near
+    assert lengths(1.0) == [near]
+    assert max(lengths(Config().refine.settle)) > near
 
 
 def test_a_plan_that_cannot_reach_its_goal_ends_at_rest(tmp_path):

@@ -25,6 +25,7 @@ from mpcplan.solvers.report import DEFAULT, known_backends
 ROOT = Path(__file__).resolve().parents[1]
 ONCOMING = ROOT / "scenarios" / "ZAM_Oncoming-1_1_T-1.xml"
 INTERIOR = ("piqp", "hpipm", "proxqp")
+BRIEFLY = Config().model_copy(update={"drive": Config().drive.model_copy(update={"steps_max": 30})})
 LIBRARY = ("qpsolvers clarabel", "qpsolvers proxqp")
 
 
@@ -109,7 +110,7 @@ def test_the_order_by_stages_is_one():
 
 
 def test_problems_of_a_run_are_recorded():
-    problems = record_problems(ONCOMING, Config())
+    problems = record_problems(ONCOMING, BRIEFLY)
     assert {recorded.kind for recorded in problems} == {GOES_ON, TO_GOAL}
     short = chosen(problems, GOES_ON, (30, 30), 5)
     assert 0 < len(short) <= 5 and all(recorded.problem.n == 30 for recorded in short)
@@ -146,7 +147,7 @@ def test_names_of_solvers():
 def test_the_command(tmp_path):
     done = subprocess.run(
         [sys.executable, "-m", "mpcplan", "bench-solvers", str(ONCOMING), "--problems", "3",
-         "--backends", "osqp,piqp"],
+         "--backends", "osqp,piqp", "--set", "drive.steps_max=30"],
         capture_output=True, text=True, cwd=ROOT, check=True, timeout=300,
     )  # fmt: skip
     assert done.stderr == "" and done.stdout.startswith("goes on, 30 steps: 3 problems of 1 ")
