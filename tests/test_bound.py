@@ -7,20 +7,28 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from reference_ocp import DT, Track, forecast_of, frame_of, occupancy_of, state_at, straight
+from reference_ocp import (
+    DT,
+    Track,
+    forecast_of,
+    frame_of,
+    occupancy_of,
+    road_of,
+    state_at,
+    straight,
+)
 from reference_ocp import straight_road as road_of_goals
 from test_refine import ACCURATE, busy_problem, keeping_seed, problem_of, sine, with_refine
 
 from mpcplan.bound.clairvoyant import Clairvoyant
 from mpcplan.bound.enumerate import cheapest, ways_on
 from mpcplan.config import Config
-from mpcplan.predict.occupancy import Occupancy
+from mpcplan.predict.occupancy import Occupancy, occupancy
 from mpcplan.refine.reading import read
 from mpcplan.refine.sqp import solve
 from mpcplan.refine.stage import body_offset, body_offset_at
 from mpcplan.refine.whole import PLUGINS, solve_whole
 from mpcplan.road.goal import GoalWindow
-from mpcplan.road.road import Road
 from mpcplan.scenario import load
 from mpcplan.seed.blocked import block
 from mpcplan.seed.paths import BODY_POINTS, frenet_pose, sample_paths
@@ -88,9 +96,7 @@ def test_the_offset_from_a_circle_is_exact(kappa, ahead):
 def test_what_is_read_off_reproduces_the_rows_at_the_iterate():
     """On a winding road the lines and the circle touch the tables where they were read off."""
     frame = frame_of(sine, 150.0)
-    road = Road(*(getattr(road_of_goals(), name) for name in ("route",)), frame,
-                road_of_goals(length=150.0).limits, (GoalWindow(20, 20, None, None, None, None),),
-                road_of_goals().area)  # fmt: skip
+    road = road_of(frame, GoalWindow(20, 20, None, None, None, None))
     state = state_at(frame, 20.0, d=0.4, v=9.0, mu=0.05)
     problem = problem_of(
         keeping_seed(road, state, 20), state, occupancy_of(frame, 30), None, Config()
@@ -109,15 +115,14 @@ def test_what_is_read_off_reproduces_the_rows_at_the_iterate():
 # -- ways -----------------------------------------------------------------------------------------
 
 
-def ways_of(*tracks: Track, goal: GoalWindow, v: float = 10.0) -> list[Way]:
-    """The ways along the lane of a straight road."""
+def ways_among(window: Occupancy, goal: GoalWindow, v: float = 10.0, parts: int = 1) -> list[Way]:
+    """The ways along the lane of a straight road, from s = 30 m on."""
     road, config = road_of_goals(goal), Config()
     state = state_at(road.frame, 30.0, v=v)
-    window = occupancy_of(road.frame, 120, *tracks).window(0, goal.last + 1)
     paths = sample_paths(road, frenet_pose(road, state), 200.0, nobody(), config.seed)
-    blocked = block(window, paths, config.seed, config.cost)
+    blocked = block(window.window(0, goal.last + 1), paths, config.seed, config.cost)
     return find_ways(
-        road, paths, blocked, window.ids, 0, v, 0.0, 0, config, DT, labels=3000, arrivals=1
+        road, paths, blocked, window.ids, 0, v, 0.0, 0, config, DT, labels=3000, arrivals=parts
     )
 
 
@@ -137,16 +142,7 @@ def test_before_and_behind_one_who_crosses_are_two_ways():
     forecast.boxes[0, :30] = np.nan
     forecast.boxes[0, 60:] = np.nan
     assert np.isfinite(forecast.boxes).any()
-    from mpcplan.predict.occupancy import occupancy
-
-    road, config = road_of_goals(goal), Config()
-    state = state_at(frame, 30.0, v=12.0)
-    window = occupancy(forecast, frame).window(0, 101)
-    paths = sample_paths(road, frenet_pose(road, state), 200.0, nobody(), config.seed)
-    blocked = block(window, paths, config.seed, config.cost)
-    found = find_ways(
-        road, paths, blocked, window.ids, 0, 12.0, 0.0, 0, config, DT, labels=3000, arrivals=1
-    )
+    found = ways_among(occupancy(forecast, frame), goal, v=12.0)
     assert {way.ahead for way in found} == {(), (10,)}
     for way in found:
         s = 30.0 + np.concatenate([[0.0], np.cumsum((way.v[1:] + way.v[:-1]) / 2 * DT)])
@@ -156,18 +152,13 @@ def test_before_and_behind_one_who_crosses_are_two_ways():
 
 def test_leaders_and_followers_make_no_ways():
     goal = GoalWindow(40, 50, None, None, None, None)
-    found = ways_of(Track(60.0, 0.0, 10.0), Track(10.0, 0.0, 8.0), goal=goal)
+    tracks = Track(60.0, 0.0, 10.0), Track(10.0, 0.0, 8.0)
+    found = ways_among(occupancy_of(road_of_goals().frame, 120, *tracks), goal)
     assert len(found) == 1 and found[0].ahead == (11,)
 
 
 def test_parts_of_the_goals_time_make_ways():
-    road, config = road_of_goals(GoalWindow(40, 79, None, None, None, None)), Config()
-    state = state_at(road.frame, 30.0, v=10.0)
-    paths = sample_paths(road, frenet_pose(road, state), 200.0, nobody(), config.seed)
-    blocked = block(nobody().window(0, 80), paths, config.seed, config.cost)
-    found = find_ways(
-        road, paths, blocked, (), 0, 10.0, 0.0, 0, config, DT, labels=3000, arrivals=4
-    )
+    found = ways_among(nobody(), GoalWindow(40, 79, None, None, None, None), parts=4)
     assert sorted((way.arrival - 40) // 10 for way in found) == [0, 1, 2, 3]
 
 

@@ -12,7 +12,6 @@ each homotopy class and the best of those enumerated, not a proof.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 from mpcplan.bound.enumerate import cheapest, ways_on
 from mpcplan.config import Config
@@ -21,7 +20,6 @@ from mpcplan.develop import Developer
 from mpcplan.errors import BoundError
 from mpcplan.observation import Observation
 from mpcplan.plan import Clock, Option
-from mpcplan.predict.occupancy import occupancy
 from mpcplan.road.road import Road, build_roads
 from mpcplan.seed.seed import Seed
 from mpcplan.seed.track import frenet_states
@@ -56,10 +54,6 @@ class Optimum:
     verified: int
     before: float
 
-    def as_dict(self) -> dict[str, Any]:
-        """For reports."""
-        return {name: value for name, value in vars(self).items() if name != "trajectory"}
-
 
 class Clairvoyant:
     """Looks for the optimum of one problem with recorded traffic."""
@@ -76,7 +70,7 @@ class Clairvoyant:
             RoadError: where no route leads to the goal.
         """
         assert task.recorded is not None  # nobody can be clairvoyant of what is not there
-        self._task, self._config, self._forecast = task, config, task.recorded
+        self._task, self._config = task, config
         goal = task.problem.planning_problem
         roads = build_roads(task.road_map, goal, config.road)
         self._roads = roads if last_step is None else _until(roads, last_step)
@@ -84,7 +78,7 @@ class Clairvoyant:
         self._converged = Developer(goal, guard, _converging(config), task.dt)
         self._whole = Developer(goal, guard, _converging(config, "ipopt"), task.dt)
         seen = Observation(task.problem.first_step, task.problem.start, STANDSTILL, ())
-        self._cycle = Cycle(seen, self._forecast, Clock(), [], {})
+        self._cycle = Cycle(seen, task.recorded, Clock(), [], {})
 
     def optimum(self, driven: Trajectory | None = None) -> Optimum:
         """The optimum; ``driven`` is one more way to begin from.
@@ -117,7 +111,7 @@ class Clairvoyant:
         seen = self._cycle.observation
         found: list[Seed] = []
         for road in self._roads:
-            around = occupancy(self._forecast, road.frame)
+            around = self._cycle.around(road)
             found += ways_on(
                 road, seen.state, seen.acceleration, seen.step, around, self._config, self._task.dt
             )

@@ -86,6 +86,9 @@ class _Program:
     def __init__(self, n: int, dt: float, config: Config, plugin: str, iterations: int) -> None:
         self._n, self._config = n, config
         self._as_rows = plugin == "fatrop"  # which wants bounds of variables as rows
+        self._box = _box(n, config)
+        bounded: Array = np.any(np.isfinite(self._box), axis=0)
+        self._bounded = [np.flatnonzero(stage) for stage in bounded]
         z, par = ca.SX.sym("z", NZ, n + 1), ca.SX.sym("par", N_GIVEN, n + 1)
         weights, end, turn = (ca.SX.sym(name, k) for name, k in (("w", NX), ("end", NX), ("t", 3)))
         x, u = ca.horzsplit(z[:NX, :]), ca.horzsplit(z[NX:, :])
@@ -102,7 +105,7 @@ class _Program:
                 rows.append(stage_rows(x[k], u[k], par[:, k], config))
                 cost += stage_cost(x[k], u[k], par[:, k], config, dt)
             if self._as_rows:
-                rows.append(z[self._bounded(k).tolist(), k])
+                rows.append(z[self._bounded[k].tolist(), k])
         goal_slack = u[n][Free.J]
         cost += ca.dot(weights, (x[n] - end) ** 2) + ca.sumsqr(u[n][Free.W])
         cost += config.refine.penalty_goal * goal_slack + SLACK_CURVATURE / 2 * goal_slack**2
@@ -130,7 +133,8 @@ class _Program:
         """The solution with the tables read off at an iterate, iterations and status."""
         reading = read(problem, z)
         low, high = self._row_bounds(problem.x0, reading.rows, reading.goal)
-        bounds = {} if self._as_rows else dict(zip(("lbx", "ubx"), self._box(), strict=True))
+        low_x, high_x = self._box.reshape(2, -1)
+        bounds = {} if self._as_rows else {"lbx": low_x, "ubx": high_x}
         end = problem.seed.states[self._n]
         given = [reading.par.ravel(), problem.terminal, end, reading.turn]
         found = self._solver(
@@ -153,33 +157,28 @@ class _Program:
 
     def _row_bounds(self, x0: Array, rows: Array, goal: Array) -> tuple[Array, Array]:
         """Bounds of all rows: see :class:`mpcplan.refine.reading.Reading`."""
-        box = np.stack(self._box()).reshape(2, self._n + 1, NZ)
         parts = []
         for k in range(self._n + 1):
             if k < self._n:
                 parts.append(np.zeros((2, NX)))
             parts.append(rows[:, k - 1] if k else np.stack([x0, x0]))
             if self._as_rows:
-                parts.append(box[:, k, self._bounded(k)])
+                parts.append(self._box[:, k, self._bounded[k]])
         free = np.full(len(goal[0]), np.inf)
         parts.append(np.stack([np.append(-free, goal[0]), np.append(goal[1], free)]))
         low, high = np.concatenate(parts, axis=1)
         return low, high
 
-    def _box(self) -> tuple[Array, Array]:
-        """Bounds of all variables: of actuators, speed and slacks; the first state has none."""
-        share = self._config.refine.actuator_share
-        high = np.full((self._n + 1, NZ), np.inf)
-        high[1:, Stage.DELTA] = share * CAR.delta_max
-        high[1:, Stage.A] = share * CAR.a_max
-        high[:-1, NX + Free.W] = share * CAR.v_delta_max
-        low = -high
-        low[1:, Stage.V], high[1:, Stage.V] = 0.0, CAR.v_max
-        low[:, NX + np.array(SLACKS)] = 0.0
-        low[-1, NX + Free.J] = 0.0
-        return low.ravel(), high.ravel()
 
-    def _bounded(self, k: int) -> Array:
-        """Variables of a stage that have a bound."""
-        low, high = (values.reshape(self._n + 1, NZ)[k] for values in self._box())
-        return np.flatnonzero(np.isfinite(low) | np.isfinite(high))
+def _box(n: int, config: Config) -> Array:
+    """(2, N + 1, NZ) bounds of actuators, speed and slacks; the first state has none."""
+    share = config.refine.actuator_share
+    high = np.full((n + 1, NZ), np.inf)
+    high[1:, Stage.DELTA] = share * CAR.delta_max
+    high[1:, Stage.A] = share * CAR.a_max
+    high[:-1, NX + Free.W] = share * CAR.v_delta_max
+    low = -high
+    low[1:, Stage.V], high[1:, Stage.V] = 0.0, CAR.v_max
+    low[:, NX + np.array(SLACKS)] = 0.0
+    low[-1, NX + Free.J] = 0.0
+    return np.stack([low, high])

@@ -4,6 +4,10 @@ The labels of :mod:`mpcplan.seed.search` are told apart by whom they are ahead o
 blocks the samples [low, high] of a path at a time step has the label either behind (below low) or
 ahead (above high), and which of both stays the same as long as it is there. So the cheapest label
 in the goal for every combination is the cheapest way of its homotopy class.
+
+Source: labels augmented by their topology as in Bhattacharya, Likhachev, Kumar: Topological
+constraints in search-based robot path planning, Autonomous Robots 33 (2012), here with the sides of
+obstacles in (sigma, t).
 """
 
 from dataclasses import dataclass

@@ -20,6 +20,7 @@ from mpcplan.solvers.record import Recorded
 
 REFERENCE: Backend = "ipopt"
 GIVE_UP = 20.0  # s, a solver that takes longer for one problem is not asked again
+_NOTHING = 1e-3  # cost beside which differences do not matter
 SAME = 0.01  # a cost that is higher by this share is not as good as IPOPT's
 
 
@@ -144,6 +145,3 @@ def _beside(column: Column, reference: Column | None, residual: list[float]) -> 
 def _ratio(cost: float, reference: float) -> float:
     """The ratio of two costs; both next to nothing count as equal."""
     return (cost + _NOTHING) / (reference + _NOTHING)
-
-
-_NOTHING = 1e-3  # cost beside which differences do not matter
