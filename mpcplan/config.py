@@ -5,8 +5,8 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 Backend = Literal[
-    "osqp", "piqp", "osqp then piqp", "hpipm", "proxqp", "qpsolvers clarabel", "qpsolvers proxqp",
-    "ipopt", "fatrop",
+    "osqp", "piqp", "piqp multistage", "osqp then piqp", "hpipm", "proxqp", "qpsolvers clarabel",
+    "qpsolvers proxqp", "ipopt", "fatrop",
 ]  # fmt: skip
 WHOLE = ("ipopt", "fatrop")
 """Backends that solve the nonlinear problem as a whole."""

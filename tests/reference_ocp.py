@@ -16,7 +16,7 @@ import shapely
 from mpcplan.config import Config
 from mpcplan.observation import Box, Forecast
 from mpcplan.predict.occupancy import Occupancy, occupancy
-from mpcplan.refine.constraints import GOAL_MARGIN
+from mpcplan.refine.reading import GOAL_MARGIN
 from mpcplan.road.frame import Frame
 from mpcplan.road.goal import GoalWindow
 from mpcplan.road.limits import Limits

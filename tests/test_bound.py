@@ -24,9 +24,8 @@ from mpcplan.bound.clairvoyant import Clairvoyant
 from mpcplan.bound.enumerate import cheapest, ways_on
 from mpcplan.config import Config
 from mpcplan.predict.occupancy import Occupancy, occupancy
-from mpcplan.refine.reading import read
 from mpcplan.refine.sqp import solve
-from mpcplan.refine.stage import body_offset, body_offset_at
+from mpcplan.refine.stage import Given, Point, body_offset, body_offset_at, point_at
 from mpcplan.refine.whole import PLUGINS, solve_whole
 from mpcplan.road.goal import GoalWindow
 from mpcplan.scenario import load
@@ -53,10 +52,10 @@ def test_solvers_of_the_whole_problem_agree_with_sqp(plugin, goal, n):
     expected = solve(problem, ACCURATE.refine)
     found = solve_whole(problem, plugin, 500)
     assert found.ok
-    cost = problem.objective(found.z) + problem.penalty(found.z)
-    assert cost == pytest.approx(expected.cost_after, rel=1e-6)
-    assert np.abs(problem.defects(found.z)).max() < 1e-6
-    assert problem.hard_violation(found.z) < 1e-6
+    point = problem.at(found.z)
+    assert point.cost == pytest.approx(expected.cost_after, rel=1e-6)
+    assert np.abs(point.defects).max() < 1e-6
+    assert point.hard < 1e-6
     assert found.z.x == pytest.approx(expected.z.x, abs=2e-3)
 
 
@@ -102,14 +101,13 @@ def test_what_is_read_off_reproduces_the_rows_at_the_iterate():
         keeping_seed(road, state, 20), state, occupancy_of(frame, 30), None, Config()
     )
     z = problem.initial()
-    reading = read(problem, z)
-    _, offset, _ = problem.rows.project_body(z.x[1:])
+    par = problem.read(z).par
+    _, offset, _ = problem.read.project_body(z.x[1:])
     for i, ahead in enumerate(BODY_POINTS):
-        bend = reading.par[1:, 10]
-        start = 11 + 5 * i
-        circle = body_offset_at(z.x[1:, Stage.D], z.x[1:, Stage.MU], bend, ahead)
-        assert circle + reading.par[1:, start] == pytest.approx(offset[:, i], abs=1e-9)
-        assert np.abs(reading.par[1:, start]).max() < 0.05  # the circle alone is near already
+        bias = par[:, point_at(i, Point.BIAS)]
+        circle = body_offset_at(z.x[1:, Stage.D], z.x[1:, Stage.MU], par[:, Given.BEND], ahead)
+        assert circle + bias == pytest.approx(offset[:, i], abs=1e-9)
+        assert np.abs(bias).max() < 0.05  # the circle alone is near already
 
 
 # -- ways -----------------------------------------------------------------------------------------

@@ -14,13 +14,15 @@ from reference_ocp import DT, Reference, Track, frame_of, occupancy_of, road_of,
 from mpcplan.config import Config
 from mpcplan.predict.occupancy import Occupancy
 from mpcplan.refine.backends import Answer
-from mpcplan.refine.constraints import Iterate
+from mpcplan.refine.compiled import compiled, functions
 from mpcplan.refine.corridor import build_corridor
-from mpcplan.refine.model import linearise, propagate
-from mpcplan.refine.problem import SLACK_CURVATURE, Problem
+from mpcplan.refine.layout import INPUT_SCALE, STATE_SCALE
+from mpcplan.refine.problem import SLACK_CURVATURE, Point, Problem
 from mpcplan.refine.qp import QpSolver
+from mpcplan.refine.reading import Iterate
 from mpcplan.refine.refine import refine
 from mpcplan.refine.sqp import SqpResult, solve
+from mpcplan.refine.stage import CURVATURE, N_GIVEN, SLACK_OF_ROW
 from mpcplan.road.goal import GoalWindow
 from mpcplan.road.road import Road
 from mpcplan.seed.lattice import lattice
@@ -103,16 +105,36 @@ def around(problem: Problem, seed: int, size: float = 1.0) -> Iterate:
     """An iterate near the seed, moved at random by typical sizes."""
     rng = np.random.default_rng(seed)
     start = problem.initial()
-    scale = problem.scales()
-    x = start.x + size * rng.normal(size=start.x.shape) * scale[problem.layout.x]
-    u = start.u + size * rng.normal(size=start.u.shape) * scale[problem.layout.u]
+    x = start.x + size * rng.normal(size=start.x.shape) * STATE_SCALE
+    u = start.u + size * rng.normal(size=start.u.shape) * INPUT_SCALE
     x[:, Stage.V] = np.maximum(x[:, Stage.V], 0.5)
     return Iterate(x, u)
 
 
 def moved(problem: Problem, z: Iterate, p: Array) -> Iterate:
-    """The iterate after a step of all variables."""
-    return Iterate(z.x + p[problem.layout.x], z.u + p[problem.layout.u])
+    """The iterate after a step of all variables but the first state, which is given."""
+    x = z.x.copy()
+    x[1:] += p[problem.layout.x]
+    return Iterate(x, z.u + p[problem.layout.u])
+
+
+def ends(problem: Problem, point: Point, p: Array) -> list[Point]:
+    """The points after a step and after its opposite, with what was read off at the one between."""
+    return [problem.at(moved(problem, point.z, sign * p), point.reading) for sign in (1, -1)]
+
+
+def stepped(x: Array, u: Array, kappa: Array) -> tuple[Array, Array]:
+    """(n, 6) states after one step, and (n, 6, 8) derivatives by state and input.
+
+    ``kappa``: (n, 3) curvature, its slope, and the arc length from which it counts.
+    """
+    n, par = len(x), np.zeros((len(x), N_GIVEN))
+    par[:, CURVATURE] = kappa
+    defect, _, nonzeros, *_ = compiled(Config(), DT, n).model(x, u, np.zeros_like(x), par)
+    jacobian = np.zeros((n, len(Stage), len(Stage) + 2))
+    rows, columns = functions(Config(), DT).dynamics
+    jacobian[:, rows, columns] = nonzeros
+    return -defect, jacobian
 
 
 # -- model ----------------------------------------------------------------------------------------
@@ -128,13 +150,12 @@ parameters = st.tuples(st.floats(-0.06, 0.06), st.floats(-0.005, 0.005))
 def test_jacobians_are_the_finite_differences(d, mu, v, delta, a, j, w, kappa):
     z = np.array([7.0, d, mu, v, delta, a, j, w])
     par = np.array([[*kappa, 7.0]])
-    after, jacobian = linearise(z[None, :6], z[None, 6:], par, DT)
-    assert after == pytest.approx(propagate(z[None, :6], z[None, 6:], par, DT))
+    jacobian = stepped(z[None, :6], z[None, 6:], par)[1]
     for column in range(8):
         up, down = z.copy(), z.copy()
         up[column] += EPS
         down[column] -= EPS
-        difference = [propagate(y[None, :6], y[None, 6:], par, DT)[0] for y in (up, down)]
+        difference = [stepped(y[None, :6], y[None, 6:], par)[0][0] for y in (up, down)]
         numeric = (difference[0] - difference[1]) / (2 * EPS)
         assert jacobian[0, :, column] == pytest.approx(numeric, abs=2e-6, rel=1e-6)
 
@@ -154,7 +175,7 @@ def test_the_model_is_the_vehicle_seen_along_the_path(curvature, tolerance):
     x = [problem.x0]
     for k in range(30):
         pair = np.array([x[-1], x[-1]])
-        x.append(propagate(pair[:1], u[k : k + 1], problem.curvatures(pair), DT)[0])
+        x.append(stepped(pair[:1], u[k : k + 1], problem.read.curvatures(pair))[0][0])
     x = np.array(x)
     driven = simulate(state_at(frame, 20.0, v=12.0), np.column_stack([x[1:, Stage.A], u[:, 1]]), DT)
     s, d = frame.to_frenet(driven.states[:, :2])
@@ -168,9 +189,9 @@ def test_the_model_is_the_vehicle_seen_along_the_path(curvature, tolerance):
 def test_a_batch_is_its_steps_one_by_one():
     rng = np.random.default_rng(5)
     x, u, par = rng.normal(size=(9, 6)) * 0.1, rng.normal(size=(9, 2)), np.zeros((9, 3))
-    together, jacobians = linearise(x, u, par, DT)
+    together, jacobians = stepped(x, u, par)
     for k in range(9):
-        alone, jacobian = linearise(x[k : k + 1], u[k : k + 1], par[k : k + 1], DT)
+        alone, jacobian = stepped(x[k : k + 1], u[k : k + 1], par[k : k + 1])
         assert together[k] == pytest.approx(alone[0])
         assert jacobians[k] == pytest.approx(jacobian[0])
 
@@ -182,28 +203,27 @@ def test_a_batch_is_its_steps_one_by_one():
 @pytest.mark.parametrize("number", range(3))
 def test_gradient_is_the_finite_difference_of_the_objective(goal, number):
     problem = busy_problem(goal)
-    z = around(problem, number, 0.3)
-    gradient = problem.gradient(z)
-    for kind, columns in (("x", problem.layout.x), ("u", problem.layout.u)):
-        for place in np.ndindex(columns.shape):
-            if kind == "x" and place[0] == 0:
-                continue  # x_0 is given
-            p = np.zeros(problem.layout.n_vars)
-            p[columns[place]] = EPS
-            ends = [problem.objective(moved(problem, z, sign * p)) for sign in (1, -1)]
-            numeric = (ends[0] - ends[1]) / (2 * EPS)
-            assert gradient[columns[place]] == pytest.approx(numeric, abs=1e-5, rel=1e-4)
+    point = problem.at(around(problem, number, 0.3))
+    gradient = problem.quadratic(point).gradient
+    for column in np.concatenate([problem.layout.x.ravel(), problem.layout.u.ravel()]):
+        p = np.zeros(problem.layout.n_vars)
+        p[column] = EPS
+        up, down = (end.objective for end in ends(problem, point, p))
+        numeric = (up - down) / (2 * EPS)
+        assert gradient[column] == pytest.approx(numeric, abs=1e-5, rel=1e-4)
 
 
 def test_gradient_of_the_slacks_is_that_of_the_penalty():
     problem = busy_problem()
-    z = around(problem, 4, 2.0)
-    slacks = problem.slacks(z)
+    point = problem.at(around(problem, 4, 2.0))
+    slacks, lay = point.slacks, problem.layout
     assert (slacks > 0).any()
-    expected = problem.penalty_weights() + SLACK_CURVATURE * slacks
-    assert problem.gradient(z)[problem.layout.slack_s[0] :] == pytest.approx(expected)
-    whole = problem.penalty_weights() @ slacks + SLACK_CURVATURE / 2 * slacks @ slacks
-    assert problem.penalty(z) == pytest.approx(whole)
+    model = problem.quadratic(point)
+    assert model.gradient[lay.slacks] == pytest.approx(problem.weights)
+    curvature = lay.h.matrix(model.hessian).diagonal()[lay.slacks]
+    assert curvature == pytest.approx(SLACK_CURVATURE, abs=1e-4)
+    whole = problem.weights @ slacks + SLACK_CURVATURE / 2 * slacks @ slacks
+    assert point.penalty == pytest.approx(whole)
 
 
 def test_closeness_grows_towards_the_leader_and_ends_at_contact():
@@ -216,29 +236,24 @@ def test_closeness_grows_towards_the_leader_and_ends_at_contact():
     for s in (0.0, 10.0, 20.0):
         x = z.x.copy()
         x[1:, Stage.S] = 30.0 + s
-        costs.append(problem.tr1(Iterate(x, z.u)))
+        costs.append(problem.at(Iterate(x, z.u)).tr1)
     gap = 60.0 - 30.0 - ref.CAR["b"] - Config().cost.distance_offset
     assert costs[0] == pytest.approx(8 * np.exp(-0.2 * gap))
     assert costs[1:] == pytest.approx([costs[0] * np.exp(2.0), costs[0] * np.exp(4.0)])
 
 
-def predicted_slacks(problem: Problem, z: Iterate, p: Array) -> Array:
+def predicted_slacks(problem: Problem, point: Point, p: Array) -> Array:
     """Smallest slacks after a step of the other variables, by the quadratic model's rows."""
-    model, first = problem.quadratic(z), int(problem.layout.slack_s[0])
-    slack = problem.slacks(z)
-    rows = model.matrix.tocsr()
-    need = -slack
-    for row in range(rows.shape[0]):
-        entries = slice(rows.indptr[row], rows.indptr[row + 1])
-        columns, values = rows.indices[entries], rows.data[entries]
-        slack_at = columns >= first
-        if slack_at.sum() != 1 or len(columns) == 1:
-            continue
-        rest = values[~slack_at] @ p[columns[~slack_at]]
-        column, sign = columns[slack_at][0] - first, values[slack_at][0]
-        asked = rest - model.high[row] if sign < 0 else model.low[row] - rest
-        need[column] = max(need[column], asked)
-    return slack + need
+    model, lay = problem.quadratic(point), problem.layout
+    p = p.copy()
+    p[lay.slacks] = 0.0
+    excess = lay.a.matrix(model.matrix) @ p - model.high
+    soft = excess[lay.soft].reshape(problem.n, -1)
+    need = np.zeros((problem.n, 3))
+    for row, slack in enumerate(SLACK_OF_ROW):
+        if slack is not None:
+            need[:, slack] = np.maximum(need[:, slack], soft[:, row])
+    return np.append(need.ravel(), max(excess[lay.at_goal].max(), 0.0))
 
 
 @pytest.mark.parametrize("number", range(4))
@@ -249,49 +264,48 @@ def test_rows_predict_the_slacks_to_second_order(number):
     start.x[:, Stage.MU] = 0.0
     rng = np.random.default_rng(number)
     z = Iterate(start.x + 0.0, start.u)
-    z.x[:, Stage.S] += 8.0  # into the leader's gap, past the goal's edge
-    z.x[:, Stage.DELTA] += 0.2
-    assert (problem.slacks(z) > 0).sum() > 5
-    p = rng.normal(size=problem.layout.n_vars) * problem.scales()
+    z.x[1:, Stage.S] += 8.0  # into the leader's gap, past the goal's edge
+    z.x[1:, Stage.DELTA] += 0.2
+    point, scales = problem.at(z), problem.layout.columns
+    assert (point.slacks > 0).sum() > 5
+    p = rng.normal(size=problem.layout.n_vars) * scales
     p[problem.layout.x[:, Stage.MU]] *= 0.2
     errors = []
     for size in (1e-3, 1e-4):
-        true = problem.slacks(moved(problem, z, size * p))
-        errors.append(np.abs(predicted_slacks(problem, z, size * p) - true).max() / size)
-    assert errors[1] < 2e-2 * np.abs(problem.scales()).max()
+        true = problem.at(moved(problem, z, size * p)).slacks
+        errors.append(np.abs(predicted_slacks(problem, point, size * p) - true).max() / size)
+    assert errors[1] < 2e-2 * np.abs(scales).max()
     assert errors[1] < 0.5 * errors[0] or errors[1] < 1e-3
 
 
 @pytest.mark.parametrize("number", range(2))
 def test_dynamics_rows_are_the_finite_differences_of_the_defects(number):
     problem = busy_problem()
-    z = around(problem, number, 0.2)
+    z, lay = around(problem, number, 0.2), problem.layout
     z.x[0] = problem.x0
-    model, n = problem.quadratic(z), problem.n
-    rows = slice(len(Stage), len(Stage) * (n + 1))
+    point = problem.at(z)
+    model, rows = problem.quadratic(point), lay.dynamics
     assert np.array_equal(model.low[rows], model.high[rows])
-    assert pytest.approx(problem.defects(z)) == model.low[rows].reshape(len(Stage), n).T
-    p = np.random.default_rng(9).normal(size=problem.layout.n_vars) * problem.scales()
-    p[problem.layout.x[:, Stage.S]] = 0.0  # the curvature's model is held within a step
-    p[problem.layout.x[:, Stage.V]] = 0.0
-    p[problem.layout.slack_s[0] :] = 0.0
-    ends = [problem.defects(moved(problem, z, sign * EPS * p)) for sign in (1, -1)]
-    numeric = (ends[0] - ends[1]) / (2 * EPS)
-    along = (model.matrix @ p)[rows].reshape(len(Stage), n).T
-    assert -along == pytest.approx(numeric, abs=1e-5)
+    assert model.low[rows] == pytest.approx(point.defects.ravel())
+    p = np.random.default_rng(9).normal(size=lay.n_vars) * lay.columns
+    p[lay.slacks] = 0.0
+    up, down = (end.defects.ravel() for end in ends(problem, point, EPS * p))
+    along = (lay.a.matrix(model.matrix) @ p)[rows]
+    assert -along == pytest.approx((up - down) / (2 * EPS), abs=1e-5)
 
 
 def test_the_hessian_is_positive_semidefinite_and_matches_the_convex_terms():
     problem = busy_problem(goal=False)
-    z = problem.initial()
-    upper = problem.quadratic(z).hessian.toarray()
+    point, lay = problem.at(problem.initial()), problem.layout
+    upper = lay.h.matrix(problem.quadratic(point).hessian).toarray()
+    assert np.array_equal(upper, np.triu(upper))
     whole = upper + np.triu(upper, 1).T
     assert np.linalg.eigvalsh(whole).min() >= 0
-    for column in (problem.layout.u[3, 0], problem.layout.u[3, 1], problem.layout.x[4, Stage.S]):
-        p = np.zeros(problem.layout.n_vars)
+    for column in (lay.u[3, 0], lay.u[3, 1], lay.x[4, Stage.S], lay.x[4, Stage.D]):
+        p = np.zeros(lay.n_vars)
         p[column] = 1e-3
-        values = [problem.objective(moved(problem, z, k * p)) for k in (-1, 0, 1)]
-        second = (values[0] - 2 * values[1] + values[2]) / 1e-6
+        up, down = (end.objective for end in ends(problem, point, p))
+        second = (up - 2 * point.objective + down) / 1e-6
         assert whole[column, column] == pytest.approx(second, rel=1e-2, abs=2e-5)
 
 
@@ -324,7 +338,7 @@ def test_least_jerk_to_a_position_and_speed_is_the_analytic_optimum(distance, sp
     result = solve(problem, config.refine)
     expected = analytic_jerks(n, 10.0, distance, speed)
     assert result.status == "converged"
-    assert problem.objective(result.z) == pytest.approx(DT * expected @ expected, rel=2e-3)
+    assert problem.at(result.z).objective == pytest.approx(DT * expected @ expected, rel=2e-3)
     assert result.z.u[:, 0] == pytest.approx(expected, abs=0.02 * np.abs(expected).max() + 1e-3)
     assert np.abs(result.z.x[:, Stage.D]).max() < 1e-4
 
@@ -404,10 +418,10 @@ def reference_of(problem: Problem, case: Case, result: SqpResult) -> ref.Optimum
         low = np.maximum(-1.75, corridor.d_min - half)
         body = low, np.minimum(5.25, corridor.d_max + half)
     numbers = Reference(
-        problem.x0, n, lambda s: case.curvature(s, ca.exp), problem.lane[1 : n + 1],
+        problem.x0, n, lambda s: case.curvature(s, ca.exp), problem.lane,
         corridor.lead, corridor.s_min, corridor.s_max, body, BODY_POINTS, problem.lateral_limit,
         problem.goal, problem.terminal,
-        problem.seed.states[n], problem.speed_limit[1 : n + 1], problem.config,
+        problem.seed.states[n], problem.speed_limit, problem.config,
     )  # fmt: skip
     return ref.solve(numbers, result.z.x, result.z.u)
 
@@ -417,8 +431,8 @@ def test_the_independent_reference_finds_the_same_optimum(name):
     """Compared: objective plus penalties of ours, solved accurately, against IPOPT's cost."""
     problem, result, optimum = both(name, True)
     assert result.cost_after == pytest.approx(optimum.cost, rel=0.01, abs=2e-3)
-    assert np.abs(problem.defects(result.z)).max() < 1e-5
-    assert problem.slacks(result.z).max() < 2e-3
+    assert np.abs(problem.at(result.z).defects).max() < 1e-5
+    assert problem.at(result.z).slacks.max() < 2e-3
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -437,7 +451,7 @@ def test_kkt_residuals_are_small_at_the_solution(name):
     assert result.kkt.defect < 1e-6
     assert result.kkt.bounds < 1e-6
     assert result.kkt.complementarity < 1e-3
-    assert result.cost_after <= result.cost_before + problem.penalty(problem.initial())
+    assert result.cost_after <= result.cost_before + problem.at(problem.initial()).penalty
 
 
 @pytest.mark.parametrize("name", ["bend", "lane change", "parked car"])
@@ -491,7 +505,7 @@ def test_an_infeasible_problem_ends_with_slacks_and_finite_values():
     problem, config = blocked_problem(gap=6.0)
     result = solve(problem, config.refine)
     assert np.isfinite(result.z.x).all() and np.isfinite(result.z.u).all()
-    assert problem.slacks(result.z).max() > 0.1
+    assert problem.at(result.z).slacks.max() > 0.1
     assert result.cost_after < result.cost_before
     assert np.isfinite(list(result.kkt.as_dict().values())).all()
 
@@ -499,7 +513,7 @@ def test_an_infeasible_problem_ends_with_slacks_and_finite_values():
 def test_a_feasible_problem_ends_without_slacks():
     problem, config = blocked_problem(gap=45.0)
     result = solve(problem, config.refine)
-    assert problem.slacks(result.z).max() < 1e-3
+    assert problem.at(result.z).slacks.max() < 1e-3
 
 
 def refined(n: int = 30, config: Config | None = None, fresh: bool = True):

@@ -7,14 +7,17 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from reference_ocp import DT
 from test_refine import busy_problem, with_refine
 
 from mpcplan.config import Config
 from mpcplan.errors import InputError
 from mpcplan.refine.backends import EXACT, Answer, make_backend
+from mpcplan.refine.compiled import functions
 from mpcplan.refine.layout import layout
 from mpcplan.refine.problem import Problem
 from mpcplan.refine.qp import QpSolver
+from mpcplan.refine.rearranged import mirrored
 from mpcplan.refine.sqp import solve
 from mpcplan.refine.stages import stages_of
 from mpcplan.solvers import compare
@@ -24,17 +27,18 @@ from mpcplan.solvers.report import DEFAULT, known_backends
 
 ROOT = Path(__file__).resolve().parents[1]
 ONCOMING = ROOT / "scenarios" / "ZAM_Oncoming-1_1_T-1.xml"
-INTERIOR = ("piqp", "hpipm", "proxqp")
+INTERIOR = ("piqp", "piqp multistage", "hpipm", "proxqp")
 BRIEFLY = Config().model_copy(update={"drive": Config().drive.model_copy(update={"steps_max": 30})})
+FUNCTIONS = functions(Config(), DT)
 LIBRARY = ("qpsolvers clarabel", "qpsolvers proxqp")
 
 
 def answer_of(problem: Problem, backend: str, times: int = 1) -> Answer:
     """The answer to a problem's first subproblem, asked several times of the same solver."""
-    solver = QpSolver(problem.scales(), problem.layout, backend, 4000, 1e-7)
-    model = problem.quadratic(problem.initial(), 1e-3)
+    solver = QpSolver(problem.layout, backend, 4000, 1e-7)
+    model = problem.quadratic(problem.at(problem.initial()), 1e-3)
     for _ in range(times):
-        answer = solver.solve(model.hessian, model.gradient, model.matrix, model.low, model.high)
+        answer = solver.solve(model)
     return answer
 
 
@@ -44,13 +48,13 @@ def test_solvers_give_the_same_step_and_multipliers(backend, goal):
     problem = busy_problem(goal, 12)
     expected, found = answer_of(problem, "piqp"), answer_of(problem, backend)
     assert found.status == EXACT and found.usable
-    assert found.p / problem.scales() == pytest.approx(expected.p / problem.scales(), abs=2e-4)
-    model = problem.quadratic(problem.initial(), 1e-3)
-    whole = model.hessian + model.hessian.T
-    whole.setdiag(model.hessian.diagonal())
-    residual = whole @ found.p + model.gradient + model.matrix.T @ found.y
-    assert np.abs(residual * problem.scales()).max() < 1e-3
-    value = model.matrix @ found.p
+    lay = problem.layout
+    assert found.p / lay.columns == pytest.approx(expected.p / lay.columns, abs=2e-4)
+    model = problem.quadratic(problem.at(problem.initial()), 1e-3)
+    whole, matrix = mirrored(lay.h.matrix(model.hessian)), lay.a.matrix(model.matrix)
+    residual = whole @ found.p + model.gradient + matrix.T @ found.y
+    assert np.abs(residual * lay.columns).max() < 1e-3
+    value = matrix @ found.p
     assert np.maximum(model.low - value, value - model.high).max() < 1e-5
 
 
@@ -73,21 +77,22 @@ def test_solvers_of_the_library(backend):
     problem = busy_problem(True, 12)
     expected, found = answer_of(problem, "piqp"), answer_of(problem, backend)
     assert found.usable
-    assert found.p / problem.scales() == pytest.approx(expected.p / problem.scales(), abs=5e-3)
+    scales = problem.layout.columns
+    assert found.p / scales == pytest.approx(expected.p / scales, abs=5e-3)
 
 
 def test_a_library_that_is_not_there_is_told(monkeypatch):
     monkeypatch.setitem(sys.modules, "qpsolvers", None)
     with pytest.raises(InputError, match=r"needs qpsolvers: pip install 'mpcplan\[solvers\]'"):
-        make_backend("qpsolvers clarabel", layout(5), 100, 1e-4)
+        make_backend("qpsolvers clarabel", layout(FUNCTIONS, 5), 100, 1e-4)
     monkeypatch.setitem(sys.modules, "qpsolvers", SimpleNamespace(available_solvers=["cvxopt"]))
     with pytest.raises(InputError, match="does not find this solver, it has: cvxopt"):
-        make_backend("qpsolvers clarabel", layout(5), 100, 1e-4)
+        make_backend("qpsolvers clarabel", layout(FUNCTIONS, 5), 100, 1e-4)
 
 
 def test_the_order_by_stages_is_one():
     """Every variable and row once; dynamics before the rest; no row reaches beyond its stage."""
-    lay = layout(7)
+    lay = layout(FUNCTIONS, 7)
     stages = stages_of(lay)
     assert sorted(stages.columns) == list(range(lay.n_vars))
     assert sorted(stages.rows) == list(range(lay.n_rows))
@@ -95,7 +100,7 @@ def test_the_order_by_stages_is_one():
     assert sum(stages.ng) + sum(stages.nx[1:]) == lay.n_rows
     ends = np.cumsum(np.add(stages.nx, stages.nu))
     place = np.argsort(stages.columns)
-    matrix = lay.matrix(np.ones(len(lay.rows))).tocsr()[stages.rows]
+    matrix = lay.a.ones().tocsr()[stages.rows]
     at = 0
     for k, (following, others) in enumerate(zip([*stages.nx[1:], 0], stages.ng, strict=True)):
         first = ends[k - 1] if k else 0

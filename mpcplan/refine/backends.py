@@ -11,16 +11,19 @@ high-performance quadratic programming framework for model predictive control (I
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Protocol
 
 import casadi as ca
 import numpy as np
 import osqp
+import piqp
 import scipy.sparse as sp
 
 from mpcplan.errors import InputError
 from mpcplan.refine.layout import Layout
-from mpcplan.refine.stages import Stages, stages_of
+from mpcplan.refine.rearranged import Rearranged, mirrored
+from mpcplan.refine.stages import stages_of
 from mpcplan.trajectory import Array
 
 POLISHED, EXACT = "solved and polished", "solved by interior point"
@@ -30,6 +33,7 @@ RHO = 1.0
 RHO_INTERVAL = 25  # iterations between updates of rho; the default goes by wall-clock time
 CHECK_INTERVAL = 10
 LIBRARY = "qpsolvers "  # how the names of qpsolvers' solvers begin
+MULTISTAGE_TOLERANCE = 1e-6
 UNBUFFERED = ("hpipm",)  # solves wrongly from the second time on through CasADi's buffer
 HPIPM = {"iter_max": 60, "res_g_max": 1e-4, "res_b_max": 1e-6, "res_d_max": 1e-6, "res_m_max": 1e-6}
 
@@ -68,16 +72,20 @@ class QpBackend(Protocol):
         ...
 
 
+@lru_cache(maxsize=64)
 def make_backend(name: str, layout: Layout, iterations: int, tolerance: float) -> QpBackend:
-    """The solver of a name.
+    """The solver of a name for problems of one layout; made once, for that may take longer than to
+    solve one.
 
     Raises:
         InputError: it is one of qpsolvers' and not installed.
     """
     if name == "osqp":
         return OsqpBackend(iterations, tolerance)
+    if name == "piqp multistage":
+        return MultistageBackend(layout)
     if name == "hpipm":
-        return HpipmBackend(stages_of(layout))
+        return HpipmBackend(layout)
     return LibraryBackend(name) if name.startswith(LIBRARY) else ConicBackend(name, {})
 
 
@@ -131,7 +139,7 @@ class ConicBackend:
         if not self._ready:
             self._prepare(problem.hessian, problem.matrix)
         low, high = _open(problem)
-        given = (problem.hessian.data[self._mirror], problem.gradient, problem.matrix.data)
+        given = (self._whole(problem.hessian).data, problem.gradient, problem.matrix.data)
         for array, values in zip(self._data, (*given, low, high), strict=True):
             array[:] = values
         stats = self._run()
@@ -141,7 +149,8 @@ class ConicBackend:
 
     def _prepare(self, upper: sp.csc_matrix, a: sp.csc_matrix) -> None:
         """Builds the solver for a sparsity and ties its arguments to arrays."""
-        h, self._mirror = _whole(upper)
+        self._whole = Rearranged(upper, mirrored)
+        h = self._whole.matrix
         options = {"error_on_fail": False, "print_time": False, **self._options}
         self._patterns = _pattern(h), _pattern(a)
         pattern = dict(zip("ha", self._patterns, strict=True))
@@ -176,25 +185,63 @@ class ConicBackend:
         return dict(self._solver.stats())
 
 
+class MultistageBackend:
+    """PIQP with its factorisation for problems in stages, which the layout's order has."""
+
+    def __init__(self, layout: Layout) -> None:
+        self._layout = layout
+        a, h = layout.a.ones(), layout.h.ones()
+        self._equations = Rearranged(a, lambda m: m.tocsr()[layout.dynamics])
+        self._between = Rearranged(a, lambda m: m.tocsr()[layout.between])
+        self._whole = Rearranged(h, mirrored)
+        self._solver = piqp.SparseSolver()
+        self._solver.settings.kkt_solver = piqp.KKTSolver.sparse_multistage
+        self._solver.settings.eps_abs = self._solver.settings.eps_rel = MULTISTAGE_TOLERANCE
+        self._ready = False
+
+    def __call__(self, problem: Scaled, y: Array | None) -> Answer:
+        """PIQP's answer; it is not warm-started."""
+        lay = self._layout
+        low, high = _open(problem)
+        columns_low = np.full(lay.n_vars, -np.inf)
+        columns_high = np.full(lay.n_vars, np.inf)
+        columns_low[lay.boxed], columns_high[lay.boxed] = low[lay.box], high[lay.box]
+        data = (
+            self._whole(problem.hessian), problem.gradient,
+            self._equations(problem.matrix), low[lay.dynamics],
+            self._between(problem.matrix), low[lay.between], high[lay.between],
+            columns_low, columns_high,
+        )  # fmt: skip
+        (self._solver.update if self._ready else self._solver.setup)(*data)
+        self._ready = True
+        status = self._solver.solve()
+        found = self._solver.result
+        multipliers = np.empty(lay.n_rows)
+        multipliers[lay.dynamics] = found.y
+        multipliers[lay.between] = found.z_u - found.z_l
+        multipliers[lay.box] = (found.z_bu - found.z_bl)[lay.boxed]
+        solved = status == piqp.Status.PIQP_SOLVED
+        told = EXACT if solved else f"failed ({status.name})"
+        return Answer(found.x, multipliers, told, int(found.info.iter))
+
+
 class HpipmBackend:
     """HPIPM on the problem ordered by stages."""
 
-    def __init__(self, stages: Stages) -> None:
-        self._stages = stages
+    def __init__(self, layout: Layout) -> None:
+        self._stages = stages = stages_of(layout)
         sizes = {"N": len(stages.nx) - 1, "nx": stages.nx, "nu": stages.nu, "ng": stages.ng}
         self._conic = ConicBackend("hpipm", {**sizes, "hpipm": HPIPM})
+        rows, columns = stages.rows, stages.columns
+        a, h = layout.a.ones(), layout.h.ones()
+        self._a = Rearranged(a, lambda m: m[rows][:, columns])
+        self._h = Rearranged(h, lambda m: sp.triu(mirrored(m)[columns][:, columns]))
 
     def __call__(self, problem: Scaled, y: Array | None) -> Answer:
         """HPIPM's answer, in the original order; it is not warm-started."""
         stages = self._stages
-        whole, mirror = _whole(problem.hessian)
-        whole.data = problem.hessian.data[mirror]
-        h = sp.triu(whole[stages.columns][:, stages.columns]).tocsc()
-        a = problem.matrix[stages.rows][:, stages.columns].tocsc()
-        h.sort_indices()
-        a.sort_indices()
         ordered = Scaled(
-            h, problem.gradient[stages.columns], a,
+            self._h(problem.hessian), problem.gradient[stages.columns], self._a(problem.matrix),
             problem.low[stages.rows], problem.high[stages.rows],
         )  # fmt: skip
         found = self._conic(ordered, None)
@@ -226,8 +273,7 @@ class LibraryBackend:
         low, high = _open(problem)
         equal, above, below = low == high, np.isfinite(high), np.isfinite(low)
         above, below = above & ~equal, below & ~equal
-        whole, mirror = _whole(problem.hessian)
-        whole.data = problem.hessian.data[mirror]
+        whole = mirrored(problem.hessian).tocsc()
         a = problem.matrix.tocsr()
         asked = self._library.Problem(
             whole, problem.gradient, sp.vstack([a[above], -a[below]]).tocsc(),
@@ -248,16 +294,6 @@ def _open(problem: Scaled) -> tuple[Array, Array]:
     none = problem.low < -FREE
     low = np.where(none, -np.inf, problem.low)
     return low, np.where((problem.high > FREE) & ~none, np.inf, problem.high)
-
-
-def _whole(upper: sp.csc_matrix) -> tuple[sp.csc_matrix, Array]:
-    """The symmetric matrix of an upper triangle, and where each of its entries comes from."""
-    numbered = sp.csc_matrix(
-        (np.arange(1.0, upper.nnz + 1), upper.indices, upper.indptr), shape=upper.shape
-    )
-    whole = (numbered + sp.triu(numbered, 1).T).tocsc()
-    whole.sort_indices()
-    return whole, whole.data.astype(int) - 1
 
 
 def _pattern(matrix: sp.csc_matrix) -> ca.Sparsity:

@@ -150,20 +150,3 @@ def narrowed(corridor: Corridor, extra: float) -> Corridor:
         s_min=corridor.s_min + extra, s_max=corridor.s_max - extra,
         d_min=corridor.d_min + extra, d_max=corridor.d_max - extra, slant=slant,
     )  # fmt: skip
-
-
-def lateral_bounds(
-    seed: Seed, corridor: Corridor, s: Array, half: Array, extra: float
-) -> tuple[Array, Array]:
-    """(n, 3) bounds of d from road and obstacles, for the body's points at (n, 3) arc lengths s.
-
-    ``half`` is the body's half width as seen across the path at these points, ``extra`` what is
-    kept from the road's edge on top of the configured margin [m].
-    """
-    road, limits = seed.road, seed.road.limits
-    left = np.interp(s, road.frame.s, limits.left) - half - extra
-    right = np.interp(s, road.frame.s, limits.right) + half + extra
-    # obstacle bounds hold for the body's sides; they were made for the full half width
-    d_min = corridor.d_min[:, None] - CAR.width / 2 + half
-    d_max = corridor.d_max[:, None] + CAR.width / 2 - half
-    return np.maximum(right, d_min), np.minimum(left, d_max)

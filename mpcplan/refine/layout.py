@@ -1,25 +1,70 @@
 """The quadratic subproblem's layout: which entry of its matrices belongs to what.
 
-Variables: stages x_0, u_0, x_1, ..., x_N, then slacks sigma_s, sigma_d, sigma_a for k = 1..N and
-one for the goal. Rows, in blocks: initial state, dynamics, box bounds, acceleration limit, friction
-and lateral acceleration, corridor in s, corridor in d, goal, slacks >= 0. The sparsity is fixed per
-horizon, so only data vectors are written in an iteration.
+Variables, step by step: the changes of u_{k-1} and x_k and the slacks sigma_k, k = 1..N (the first
+state is given); then the goal's slack. Rows: dynamics; soft rows, as
+:func:`mpcplan.refine.stage.rows` has them; the goal's; bounds of single variables. The sparsity is
+fixed per horizon, so only data vectors are written in an iteration. So are the scales: variables
+are measured in typical sizes, and a row in those of what it bounds.
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
+from itertools import pairwise
 
 import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from mpcplan.refine.compiled import Functions
 from mpcplan.refine.model import NU, NX
-from mpcplan.seed.paths import BODY_POINTS
+from mpcplan.refine.stage import LIMIT_ROW, N_GOAL, N_ROWS, SLACK_OF_ROW, Input, Slack
 from mpcplan.seed.seed import Stage
 from mpcplan.trajectory import Array
 
 Index = NDArray[np.int64]
-POINTS = len(BODY_POINTS)
+STATE_SCALE = (1.0, 0.2, 0.05, 0.5, 0.05, 1.0)  # s, d, mu, v, delta, a
+INPUT_SCALE = (4.0, 0.05)  # j, w
+SLACK_SCALE = (0.3, 0.1, 0.5)  # in s, in d, acceleration
+GOAL_SCALE = 0.1
+N_STEP = NU + NX + len(Slack)
+BOXES = (NU + Stage.DELTA, NU + Stage.V, NU + Stage.A, Input.W)  # a step's bounded variables
+
+
+@dataclass(frozen=True, eq=False)
+class Pattern:
+    """A sparse matrix's pattern, and where data in another order belongs in it.
+
+    Entries of a column below zero are none of the matrix's.
+    """
+
+    shape: tuple[int, int]
+    rows: Index
+    columns: Index
+
+    @cached_property
+    def order(self) -> Index:
+        """The entries' permutation into columns."""
+        order = np.lexsort((self.rows, self.columns))
+        return order[np.count_nonzero(self.columns < 0) :]
+
+    @cached_property
+    def indices(self) -> NDArray[np.int32]:
+        """Rows of the entries, column by column."""
+        return self.rows[self.order].astype(np.int32)
+
+    @cached_property
+    def indptr(self) -> NDArray[np.int32]:
+        """Where columns begin."""
+        counts = np.bincount(self.columns[self.order], minlength=self.shape[1])
+        return np.concatenate([[0], np.cumsum(counts)]).astype(np.int32)
+
+    def matrix(self, data: Array) -> sp.csc_matrix:
+        """The matrix of data in the order of ``rows`` and ``columns``."""
+        return sp.csc_matrix((data[self.order], self.indices, self.indptr), shape=self.shape)
+
+    def ones(self) -> sp.csc_matrix:
+        """The pattern as a matrix."""
+        return self.matrix(np.ones(len(self.rows)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,118 +73,116 @@ class Layout:
 
     Attributes:
         n: steps N.
-        x: (N + 1, 6) and u: (N, 2) columns of the stages.
-        slack_s, slack_d, slack_a: (N,) columns; slack_goal: the last column.
-        h_indices, h_indptr: CSC pattern of the Hessian's upper triangle; h_diagonal and h_pair are
-            the places of its diagonal and of its entries (d_k, mu_k), k = 1..N, in the data.
-        rows, cols: positions of all entries of A in the order in which data is given.
-        order, indptr, indices: that order's permutation into CSC.
+        x: (N, 6), u: (N, 2), slack: (N, 3) columns; goal: that of the goal's slack.
+        a: the constraints' matrix, data in the order: nonzeros of the dynamics, of the soft rows
+            (step by step), of the goal's, then ``constants``.
+        h: the Hessian's upper triangle, data in the order: diagonal, then ``h_apart``.
+        constants: data of the rest of the constraints' matrix.
+        h_on: of the nonzeros of a step's Hessian, those on the diagonal; h_at: their columns, as
+            (N, m); h_apart: the nonzeros that are not.
+        dynamics, soft, at_goal, box: the blocks of rows; boxed: the columns that rows of ``box``
+            bound.
+        columns, lines: scales of the variables, and of the rows.
     """
 
     n: int
     x: Index
     u: Index
-    slack_s: Index
-    slack_d: Index
-    slack_a: Index
-    slack_goal: int
-    rows: Index
-    cols: Index
-    order: Index
-    indices: Index
-    indptr: Index
-    n_rows: int
-    h_indices: Index
-    h_indptr: Index
-    h_pair: Index
-    h_diagonal: Index
+    slack: Index
+    goal: int
+    a: Pattern
+    h: Pattern
+    constants: Array
+    h_on: Index
+    h_at: Index
+    h_apart: Index
+    dynamics: slice
+    soft: slice
+    at_goal: slice
+    box: slice
+    boxed: Index
+    columns: Array
+    lines: Array
 
     @property
     def n_vars(self) -> int:
         """Number of variables."""
-        return self.slack_goal + 1
+        return self.goal + 1
 
-    def matrix(self, data: Array) -> sp.csc_matrix:
-        """A from the data in the order of the entries."""
-        shape = (self.n_rows, self.n_vars)
-        return sp.csc_matrix((data[self.order], self.indices, self.indptr), shape=shape)
+    @property
+    def n_rows(self) -> int:
+        """Number of rows."""
+        return self.box.stop
 
-    def hessian(self, diagonal: Array, pairs: Array) -> sp.csc_matrix:
-        """The Hessian's upper triangle from its diagonal and the entries (d_k, mu_k)."""
-        data = np.empty(len(self.h_indices))
-        data[self.h_diagonal], data[self.h_pair] = diagonal, pairs
-        shape = (self.n_vars, self.n_vars)
-        return sp.csc_matrix((data, self.h_indices, self.h_indptr), shape=shape)
+    @property
+    def between(self) -> slice:
+        """The rows that are neither equations nor bounds of single variables."""
+        return slice(self.soft.start, self.at_goal.stop)
+
+    @property
+    def slacks(self) -> Index:
+        """(3 N + 1,) columns of all slacks, the goal's last."""
+        return np.append(self.slack.ravel(), self.goal)
 
 
 @lru_cache(maxsize=256)
-def layout(n: int) -> Layout:
+def layout(made: Functions, n: int) -> Layout:
     """The layout for N = n steps."""
-    stage = NX + NU
-    x = np.arange(n + 1)[:, None] * stage + np.arange(NX)
-    u = np.arange(n)[:, None] * stage + NX + np.arange(NU)
-    base = (n + 1) * NX + n * NU
-    slack_s, slack_d, slack_a = (base + i * n + np.arange(n) for i in range(3))
-    goal = base + 3 * n
-    rows, cols = _entries(n, x, u, slack_s, slack_d, slack_a, goal)
-    n_rows = int(rows.max()) + 1
-    order = np.lexsort((rows, cols))
-    counts = np.bincount(cols, minlength=goal + 1)
-    indptr = np.concatenate([[0], np.cumsum(counts)])
-    pattern = _hessian_pattern(goal + 1, x[1:, Stage.D], x[1:, Stage.MU])
+    first = N_STEP * np.arange(n)[:, None]
+    u, x, slack = (first + at + np.arange(k) for at, k in ((0, NU), (NU, NX), (NU + NX, 3)))
+    goal = N_STEP * n
+    blocks = np.cumsum([0, NX * n, N_ROWS * n, N_GOAL, (len(BOXES) + len(Slack)) * n + 1])
+    dynamics, soft, at_goal, box = (slice(int(a), int(b)) for a, b in pairwise(blocks))
+    bounded = [*BOXES, *(NU + NX + np.arange(len(Slack)))]
+    boxed = np.append((first + np.array(bounded)).ravel(), goal)
+    columns = np.append(np.tile([*INPUT_SCALE, *STATE_SCALE, *SLACK_SCALE], n), GOAL_SCALE)
+    of_row = [STATE_SCALE[Stage.A] if s is None else SLACK_SCALE[s] for s in SLACK_OF_ROW]
+    lines = np.concatenate(
+        [np.tile(STATE_SCALE, n), np.tile(of_row, n), np.full(N_GOAL, GOAL_SCALE), columns[boxed]]
+    )
+    pattern, constants = _matrix(made, x, u, slack, goal, blocks, boxed)
+    h_rows, h_columns = (np.array(index) for index in made.hessian)
+    on = h_rows == h_columns
+    variables = np.hstack([u, x])
+    apart = variables[:, h_rows[~on]].ravel(), variables[:, h_columns[~on]].ravel()
+    diagonal = np.arange(goal + 1)
+    h = Pattern(
+        (goal + 1, goal + 1),
+        np.concatenate([diagonal, np.minimum(*apart)]),
+        np.concatenate([diagonal, np.maximum(*apart)]),
+    )
     return Layout(
-        n, x, u, slack_s, slack_d, slack_a, goal, rows, cols, order, rows[order], indptr, n_rows,
-        *pattern,
+        n, x, u, slack, goal, pattern, h, constants, np.flatnonzero(on), variables[:, h_rows[on]],
+        np.flatnonzero(~on), dynamics, soft, at_goal, box, boxed, columns, 1.0 / lines,
     )  # fmt: skip
 
 
-def _hessian_pattern(size: int, d: Index, mu: Index) -> tuple[Index, Index, Index, Index]:
-    """Indices, index pointers and the data's places of pairs and diagonal: see :class:`Layout`."""
-    rows = np.concatenate([np.arange(size), d])
-    cols = np.concatenate([np.arange(size), mu])
-    order = np.lexsort((rows, cols))
-    place = np.empty(len(order), int)
-    place[order] = np.arange(len(order))
-    indptr = np.concatenate([[0], np.cumsum(np.bincount(cols, minlength=size))])
-    return rows[order], indptr, place[size:], place[:size]
-
-
-def _entries(
-    n: int, x: Index, u: Index, slack_s: Index, slack_d: Index, slack_a: Index, goal: int
-) -> tuple[Index, Index]:
-    """Rows and columns of all entries, block by block; problem.py writes data in this order."""
-    blocks: list[tuple[Index, Index]] = []
-    count = 0
-
-    def add(columns: Index, height: int) -> None:
-        """A block of ``height`` rows, each with the entries ``columns[row]``."""
-        nonlocal count
-        index = count + np.arange(height)
-        columns = np.asarray(columns).reshape(height, -1)
-        blocks.append((np.repeat(index, columns.shape[1]), columns.ravel()))
-        count += height
-
-    s, d, mu, v, delta, a = (x[1:, c] for c in Stage)
-    add(x[0], NX)  # initial state
-    for i in range(NX):  # dynamics, state by state: x_k, u_k, -x_{k+1}[i]
-        add(np.column_stack([x[:-1], u, x[1:, i]]), n)
-    for column in (delta, v, a):  # boxes
-        add(column, n)
-    add(u[:, 1], n)
-    add(np.column_stack([a, v]), n)  # acceleration limit
-    add(np.column_stack([a, v, delta, slack_a]), n)  # friction circle
-    for _ in range(2):
-        add(np.column_stack([v, delta, slack_a]), n)  # lateral acceleration, both signs
-    for _ in range(2):
-        add(np.column_stack([s, slack_s]), n)  # corridor in s
-    for _ in range(2 * POINTS):
-        add(np.column_stack([s, d, mu, slack_d]), n)  # corridor in d
-    add(np.column_stack([s, d, mu, slack_s]), n)  # half-planes against turned obstacles
-    last = x[-1]
-    goal_slack = np.full(2, goal)
-    for columns in ((Stage.S,), (Stage.D, Stage.MU), (Stage.V,), (Stage.S, Stage.MU)):
-        both = np.tile(last[list(columns)], (2, 1))
-        add(np.column_stack([both, goal_slack]), 2)
-    slacks = np.concatenate([slack_s, slack_d, slack_a, [goal]])
-    add(slacks, len(slacks))
-    return np.concatenate([r for r, _ in blocks]), np.concatenate([c for _, c in blocks])
+def _matrix(
+    made: Functions, x: Index, u: Index, slack: Index, goal: int, blocks: Index, boxed: Index
+) -> tuple[Pattern, Array]:
+    """The constraints' matrix: nonzeros of the functions, then constants: see :class:`Layout`."""
+    n = len(x)
+    step = np.arange(n)[:, None]
+    entries: list[tuple[Index, Index]] = []
+    before = np.hstack([np.vstack([np.full((1, NX), -1), x[:-1]]), u])  # -1: the given first state
+    for at, height, (rows, columns), of in (
+        (blocks[0], NX, made.dynamics, before),
+        (blocks[1], N_ROWS, made.of_rows, x),
+    ):
+        entries.append(((at + height * step + np.array(rows)).ravel(), of[:, columns].ravel()))
+    rows, columns = made.of_goal
+    entries.append((blocks[2] + np.array(rows), x[-1][columns]))
+    soft = [i for i in range(N_ROWS) if i != LIMIT_ROW]
+    slack_of = [s for s in SLACK_OF_ROW if s is not None]
+    constant = [
+        (blocks[0] + np.arange(NX * n), x.ravel()),
+        ((blocks[1] + N_ROWS * step + np.array(soft)).ravel(), slack[:, slack_of].ravel()),
+        (blocks[2] + np.arange(N_GOAL), np.full(N_GOAL, goal)),
+    ]
+    box = blocks[3] + np.arange(len(boxed)), boxed
+    minus = sum(len(r) for r, _ in constant)
+    rows_, columns_ = (
+        np.concatenate(parts) for parts in zip(*entries, *constant, box, strict=True)
+    )
+    constants = np.concatenate([np.full(minus, -1.0), np.ones(len(boxed))])
+    return Pattern((int(blocks[-1]), goal + 1), rows_, columns_), constants

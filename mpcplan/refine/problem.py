@@ -15,68 +15,80 @@ States x = [s, d, mu, v, delta, a], inputs u = [j, w], steps k = 0..N (see :mod:
 
 with e = d + b sin mu - lane the offset of the body's centre. The slacks have an exact (L1) penalty
 rho. The quadratic model linearises the constraints and takes the Gauss-Newton Hessian; the
-closeness term is convex in s and enters with its own second derivative.
+closeness term is convex in s and enters with its own second derivative. Functions and derivatives
+of a step are CasADi's (:mod:`.stage`, :mod:`.compiled`), their parameters are read off along the
+road at every iterate (:mod:`.reading`).
 Source: Diehl et al.: Fast direct multiple shooting algorithms (2006).
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
-import scipy.sparse as sp
 
 from mpcplan.config import Config
-from mpcplan.refine.constraints import FREE, Body, Constraints, Iterate
+from mpcplan.refine.compiled import compiled, functions
 from mpcplan.refine.corridor import Corridor
-from mpcplan.refine.layout import Layout, layout
-from mpcplan.refine.model import linearise, propagate
+from mpcplan.refine.layout import BOXES, STATE_SCALE, Layout, layout
+from mpcplan.refine.reading import FREE, Iterate, Reader, Reading
+from mpcplan.refine.stage import LIMIT_ROW, N_ROWS, SLACK_OF_ROW, Given, Slack, penalty_weights
 from mpcplan.road.goal import GoalWindow
 from mpcplan.seed.seed import Seed, Stage
 from mpcplan.trajectory import Array
 from mpcplan.vehicle import FORD_ESCORT as CAR
 
-GAUSS_POINTS = (0.5 - np.sqrt(1 / 12), 0.5 + np.sqrt(1 / 12))  # of a step
 SLACK_CURVATURE = 0.1  # quadratic part of the slack penalty
 DAMPING = 1e-5  # added to the Hessian's diagonal
-CLOSEST = -6.0  # m, smallest gap in the closeness term
-STATE_SCALE = (1.0, 0.2, 0.05, 0.5, 0.05, 1.0)  # s, d, mu, v, delta, a
-INPUT_SCALE = (4.0, 0.05)  # j, w
-SLACK_SCALE = (0.3, 0.1, 0.5, 0.1)  # in s, in d, acceleration, goal
-
-
-class _Values:
-    """What is computed once per iterate and asked for several times."""
-
-    def __init__(self, problem: "Problem", z: Iterate) -> None:
-        self._problem, self._z = problem, z
-
-    @cached_property
-    def defects(self) -> Array:
-        z, problem = self._z, self._problem
-        return z.x[1:] - propagate(z.x[:-1], z.u, problem.curvatures(z.x), problem.dt)
-
-    @cached_property
-    def body(self) -> Body:
-        return self._problem.rows.project_body(self._z.x[1:])
-
-    @cached_property
-    def soft_rows(self) -> tuple[Array, Array, Array]:
-        return self._problem.rows.soft(self._z, self.body)
-
-    @cached_property
-    def slacks(self) -> Array:
-        return self._problem.rows.least_slacks(*self.soft_rows)
+SLOWEST_LIMIT = 0.5  # m/s, of a speed limit
+FRICTION_LEFT = 0.9  # part of the friction circle that lateral acceleration may take from the start
+_GROUPS = [np.flatnonzero(np.array(SLACK_OF_ROW, dtype=object) == slack) for slack in Slack]
 
 
 @dataclass(frozen=True, eq=False)
 class Quadratic:
-    """min p' H p / 2 + g' p  s.t.  low <= A p <= high, at an iterate."""
+    """min p' H p / 2 + g' p  s.t.  low <= A p <= high, at an iterate.
 
-    hessian: Array  # diagonal blocks as a sparse matrix's upper triangle
+    Variables are the changes of states and inputs, and the slacks themselves.
+
+    Attributes:
+        hessian, matrix: data of the upper triangle of H and of A, in the order of the layout's
+            patterns.
+        gradient, low, high: vectors.
+    """
+
+    hessian: Array
     gradient: Array
-    matrix: sp.csc_matrix
+    matrix: Array
     low: Array
     high: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """An iterate with its values.
+
+    Attributes:
+        z: the iterate.
+        reading: the parameters with which it was evaluated.
+        defects: (N, 6) x_{k+1} - F(x_k, u_k).
+        slacks: (3 N + 1,) smallest slacks with which the constraints hold: s, d, a of every state,
+            and the goal's.
+        objective: cost without penalties; tr1: the part that TR1 counts; penalty: of the slacks.
+        hard: largest violation of actuator bounds.
+    """
+
+    z: Iterate
+    reading: Reading
+    defects: Array
+    slacks: Array
+    objective: float
+    tr1: float
+    penalty: float
+    hard: float
+
+    @property
+    def cost(self) -> float:
+        """Objective and penalties."""
+        return self.objective + self.penalty
 
 
 class Problem:
@@ -92,24 +104,32 @@ class Problem:
         """
         self.seed, self.corridor, self.goal, self.n = seed, corridor, goal, n
         self.config, self.dt, self.x0 = config, dt, x0
-        self.layout: Layout = layout(n)
-        self._latest: tuple[Iterate, _Values] | None = None
+        made = functions(config, dt)
+        self.layout: Layout = layout(made, n)
+        self._compiled = compiled(config, dt, n)
         road = seed.road
-        s = seed.states[: n + 1, Stage.S]
-        d = seed.states[: n + 1, Stage.D]
+        s = seed.states[1 : n + 1, Stage.S]
+        d = seed.states[1 : n + 1, Stage.D]
         self.lane = d - road.limits.lane_offset(road.frame, s, d)  # the lane nearest to the seed
-        self.speed_limit = np.maximum(np.interp(s, road.frame.s, road.limits.posted), 0.5)
+        posted = np.interp(s, road.frame.s, road.limits.posted)
+        self.speed_limit = np.maximum(posted, SLOWEST_LIMIT)
         self.due = road.due(seed.first_step, n, config.cost.reserve)[1:]
         self.terminal = np.zeros(len(Stage)) if goal else np.array(config.refine.terminal)
         start = abs(float(x0[Stage.V] ** 2 / CAR.wheelbase * np.tan(x0[Stage.DELTA])))
-        self.lateral_limit = max(config.road.lateral_acceleration, min(start, 0.9 * CAR.a_max))
-        self.rows = Constraints(seed, corridor, goal, n, config, extra, self.lateral_limit)
-
-    def scales(self) -> Array:
-        """Typical sizes of all variables, in the layout's order."""
-        stage = np.tile([*STATE_SCALE, *INPUT_SCALE], self.n + 1)[: -len(INPUT_SCALE)]
-        slack = np.repeat(SLACK_SCALE[:3], self.n)
-        return np.concatenate([stage, slack, SLACK_SCALE[3:]])
+        self.lateral_limit = max(
+            config.road.lateral_acceleration, min(start, FRICTION_LEFT * CAR.a_max)
+        )
+        constant = {
+            Given.SPEED_LIMIT: self.speed_limit,
+            Given.DUE: np.maximum(self.due, -FREE),
+            Given.LANE: self.lane,
+            Given.LATERAL: np.full(n, self.lateral_limit),
+        }
+        self.read = Reader(road, corridor, goal, n, dt, constant, extra)
+        self.weights = np.append(
+            np.tile(penalty_weights(config, dt), n), config.refine.penalty_goal
+        )
+        self._box = _boxes(config.refine.actuator_share)
 
     def initial(self) -> Iterate:
         """The seed as an iterate: its states, and the inputs between them."""
@@ -122,139 +142,80 @@ class Problem:
         u[:, 1] = np.clip(u[:, 1], -limit, limit)
         return Iterate(x, u)
 
-    def curvatures(self, x: Array) -> Array:
-        """(N, 3) curvature model of every step: kappa_0, kappa_1, s_0."""
-        frame = self.seed.road.frame
-        s = x[:-1, Stage.S]
-        way = np.maximum(np.abs(x[:-1, Stage.V]) * self.dt, 0.1)
-        # the line through the step's two Gauss points integrates a cubic curvature exactly
-        first, second = (s + share * way for share in GAUSS_POINTS)
-        kappa = frame.curvature(first)
-        return np.column_stack([kappa, (frame.curvature(second) - kappa) / (second - first), first])
-
-    def _at(self, z: Iterate) -> _Values:
-        """The values at an iterate; the latest are kept."""
-        if self._latest is None or self._latest[0] is not z:
-            self._latest = z, _Values(self, z)
-        return self._latest[1]
-
-    def defects(self, z: Iterate) -> Array:
-        """(N, 6) x_{k+1} - F(x_k, u_k)."""
-        return self._at(z).defects
-
-    def objective(self, z: Iterate) -> float:
-        """The cost without slack penalties."""
-        cost, x = self.config.cost, z.x[1:]
-        rate = cost.jerk * z.u[:, 0] ** 2 + cost.steering_rate * z.u[:, 1] ** 2
-        rate = rate + self._closeness(x) + cost.lane * self._offset(x) ** 2
-        speeding = np.maximum(x[:, Stage.V] - self.speed_limit[1:], 0.0)
-        rate = rate + self.config.refine.speeding * speeding**2 + cost.late * self._late(x) ** 2
-        end = z.x[-1] - self.seed.states[self.n]
-        return float(self.dt * rate.sum() + self.terminal @ end**2)
-
-    def tr1(self, z: Iterate) -> float:
-        """The four TR1 terms alone."""
-        cost, x = self.config.cost, z.x[1:]
-        rate = cost.jerk * z.u[:, 0] ** 2 + cost.steering_rate * z.u[:, 1] ** 2
-        return float(self.dt * (rate + self._closeness(x) + cost.lane * self._offset(x) ** 2).sum())
-
-    def _late(self, x: Array) -> Array:
-        return np.maximum(self.due - x[:, Stage.S], 0.0)
-
-    def _closeness(self, x: Array) -> Array:
-        cost = self.config.cost
-        gap = self.corridor.lead[1 : self.n + 1] - x[:, Stage.S] - CAR.rear_to_centre
-        gap = np.maximum(gap - cost.distance_offset, CLOSEST)
-        return cost.distance * np.exp(-cost.distance_decay * gap)
-
-    def _offset(self, x: Array) -> Array:
-        centre = x[:, Stage.D] + CAR.rear_to_centre * np.sin(x[:, Stage.MU])
-        return centre - self.lane[1:]
-
-    def slacks(self, z: Iterate) -> Array:
-        """(3 N + 1,) smallest slacks with which the constraints hold: s, d, a, goal."""
-        return self._at(z).slacks
-
-    def penalty_weights(self) -> Array:
-        """(3 N + 1,) weights of the slacks."""
-        r = self.config.refine
-        weights = np.repeat([r.penalty_lon, r.penalty_lat, r.penalty_acceleration], self.n)
-        # the friction circle is scaled by 1 / a_max, so that its slack is an acceleration
-        return np.concatenate([weights * self.dt, [r.penalty_goal]])
-
-    def penalty(self, z: Iterate) -> float:
-        """Slack penalties at an iterate."""
-        slack = self.slacks(z)
-        return float(self.penalty_weights() @ slack + SLACK_CURVATURE / 2 * slack @ slack)
-
-    def hard_violation(self, z: Iterate) -> float:
-        """Largest violation of actuator bounds."""
-        low, high, value = self.rows.boxes(z)
-        return float(np.maximum(np.maximum(low - value, value - high), 0.0).max(initial=0.0))
-
-    def gradient(self, z: Iterate) -> Array:
-        """Gradient of objective and slack penalty with respect to all variables."""
-        lay, cost, dt = self.layout, self.config.cost, self.dt
-        g = np.zeros(lay.n_vars)
-        x = z.x[1:]
-        g[lay.u[:, 0]] = 2 * dt * cost.jerk * z.u[:, 0]
-        g[lay.u[:, 1]] = 2 * dt * cost.steering_rate * z.u[:, 1]
-        late = 2 * dt * cost.late * self._late(x)
-        g[lay.x[1:, Stage.S]] = dt * cost.distance_decay * self._closeness(x) - late
-        offset = 2 * dt * cost.lane * self._offset(x)
-        g[lay.x[1:, Stage.D]] = offset
-        g[lay.x[1:, Stage.MU]] = offset * CAR.rear_to_centre * np.cos(x[:, Stage.MU])
-        speeding = np.maximum(x[:, Stage.V] - self.speed_limit[1:], 0.0)
-        g[lay.x[1:, Stage.V]] = 2 * dt * self.config.refine.speeding * speeding
-        g[lay.x[-1]] += 2 * self.terminal * (z.x[-1] - self.seed.states[self.n])
-        slack = slice(lay.slack_s[0], None)
-        g[slack] = self.penalty_weights() + SLACK_CURVATURE * self.slacks(z)
-        return g
-
-    def hessian(self, z: Iterate, damping: float) -> sp.csc_matrix:
-        """Gauss-Newton Hessian with Levenberg-Marquardt damping in units of the typical sizes;
-        upper triangle (diagonal but for the pairs (d, mu))."""
-        lay, cost, dt = self.layout, self.config.cost, self.dt
-        h = DAMPING + damping / self.scales() ** 2
-        h[lay.slack_s[0] :] = DAMPING
-        x = z.x[1:]
-        h[lay.u[:, 0]] += 2 * dt * cost.jerk
-        h[lay.u[:, 1]] += 2 * dt * cost.steering_rate
-        h[lay.x[1:, Stage.S]] += dt * cost.distance_decay**2 * self._closeness(x)
-        h[lay.x[1:, Stage.S]] += 2 * dt * cost.late * (self._late(x) > 0)
-        arm = CAR.rear_to_centre * np.cos(x[:, Stage.MU])
-        h[lay.x[1:, Stage.D]] += 2 * dt * cost.lane
-        h[lay.x[1:, Stage.MU]] += 2 * dt * cost.lane * arm**2
-        fast = x[:, Stage.V] > self.speed_limit[1:]
-        h[lay.x[1:, Stage.V]] += 2 * dt * self.config.refine.speeding * fast
-        h[lay.x[-1]] += 2 * self.terminal
-        h[lay.slack_s[0] :] += SLACK_CURVATURE
-        return lay.hessian(h, 2 * dt * cost.lane * arm)
-
-    def quadratic(self, z: Iterate, damping: float = 0.0) -> Quadratic:
-        """The quadratic model at an iterate, in the step p."""
-        after, jacobian = linearise(z.x[:-1], z.u, self.curvatures(z.x), self.dt)
-        defect = z.x[1:] - after
-        box_low, box_high, box = self.rows.boxes(z)
-        low, high, value = self._at(z).soft_rows
-        slack = self.slacks(z)
-        start = self.x0 - z.x[0]
-        data = np.concatenate([
-            np.ones(len(Stage)), self._dynamics_data(jacobian), np.ones(4 * self.n),
-            *self.rows.soft_data(z, self._at(z).body), np.ones(3 * self.n + 1),
-        ])  # fmt: skip
-        soft_slack = self.rows.slack_offsets(slack)
-        low_all = [start, defect.T.ravel(), box_low - box, low - value + soft_slack[0], -slack]
-        high_all = [start, defect.T.ravel(), box_high - box, high - value + soft_slack[1],
-                    np.full(len(slack), FREE)]  # fmt: skip
-        return Quadratic(
-            self.hessian(z, damping), self.gradient(z), self.layout.matrix(data),
-            np.maximum(np.concatenate(low_all), -FREE), np.minimum(np.concatenate(high_all), FREE),
+    def at(self, z: Iterate, reading: Reading | None = None) -> Point:
+        """Values at an iterate; with a reading, by that instead of the iterate's own."""
+        reading = reading or self.read(z)
+        defects, rows, cost, tr1 = self._compiled.values(z.x[:-1], z.u, z.x[1:], reading.par)
+        goal, _ = self._goal(z, reading)
+        slacks = _least_slacks(rows, goal)
+        end = self.terminal @ (z.x[-1] - self.seed.states[self.n]) ** 2
+        low, high, value = self._boxes(z)
+        outside = np.maximum(low - value, value - high).max()
+        return Point(
+            z, reading, defects.copy(), slacks, float(cost.sum() + end), float(tr1.sum()),
+            float(self.weights @ slacks + SLACK_CURVATURE / 2 * slacks @ slacks),
+            max(float(outside), float(rows[:, LIMIT_ROW].max()), 0.0),
         )  # fmt: skip
 
-    def _dynamics_data(self, jacobian: Array) -> Array:
-        """Entries of A_k p_x + B_k p_u - p_{x+1} = defect, state by state."""
-        minus = np.full((self.n, 1), -1.0)
-        return np.concatenate(
-            [np.hstack([jacobian[:, i, :], minus]).ravel() for i in range(len(Stage))]
+    def quadratic(self, point: Point, damping: float = 0.0) -> Quadratic:
+        """The quadratic model at an iterate; Levenberg-Marquardt damping in units of the typical
+        sizes is added to its Hessian."""
+        z, lay, reading = point.z, self.layout, point.reading
+        defects, rows, dynamics, of_rows, gradient, hessian = self._compiled.model(
+            z.x[:-1], z.u, z.x[1:], reading.par
         )
+        goal, of_goal = self._goal(z, reading)
+        low_box, high_box, value = self._boxes(z)
+        none = np.zeros_like(point.slacks[:-1]).reshape(-1, len(Slack))
+        low = np.concatenate([
+            defects.ravel(), np.full(rows.size + goal.size, -FREE),
+            np.hstack([low_box - value, none]).ravel(), [0.0],
+        ])  # fmt: skip
+        high = np.concatenate([
+            defects.ravel(), -rows.ravel(), -goal.ravel(),
+            np.hstack([high_box - value, none + FREE]).ravel(), [FREE],
+        ])  # fmt: skip
+        data = np.concatenate([dynamics.ravel(), of_rows.ravel(), of_goal.ravel(), lay.constants])
+        g = np.zeros(lay.n_vars)
+        g[lay.u], g[lay.x] = gradient[:, :2], gradient[:, 2:]
+        g[lay.x[-1]] += 2 * self.terminal * (z.x[-1] - self.seed.states[self.n])
+        g[lay.slacks] = self.weights
+        return Quadratic(self._hessian(hessian, damping), g, data, low, np.minimum(high, FREE))
+
+    def _hessian(self, nonzeros: Array, damping: float) -> Array:
+        """Data of the Hessian's upper triangle, of the nonzeros of its steps."""
+        lay = self.layout
+        h = DAMPING + damping / lay.columns**2
+        h[lay.slacks] = DAMPING + SLACK_CURVATURE
+        h[lay.h_at] += nonzeros[:, lay.h_on]
+        h[lay.x[-1]] += 2 * self.terminal
+        return np.concatenate([h, nonzeros[:, lay.h_apart].ravel()])
+
+    def _goal(self, z: Iterate, reading: Reading) -> list[Array]:
+        """The goal's rows, and their Jacobian's nonzeros."""
+        return self._compiled.goal(z.x[-1], reading.goal, reading.turn)
+
+    def _boxes(self, z: Iterate) -> tuple[Array, Array, Array]:
+        """(4,) lower and upper bounds, and (N, 4) values of the bounded variables."""
+        value = np.hstack([z.u, z.x[1:]])[:, BOXES]
+        return *self._box, value
+
+
+def _boxes(share: float) -> tuple[Array, Array]:
+    """Bounds of the variables :data:`BOXES`: steering angle, speed, acceleration, steering rate."""
+    high = share * np.array([CAR.delta_max, np.inf, CAR.a_max, CAR.v_delta_max])
+    low = -high
+    low[1], high[1] = 0.0, CAR.v_max
+    return low, high
+
+
+def _least_slacks(rows: Array, goal: Array) -> Array:
+    """(3 N + 1,) smallest slacks with which (N, N_ROWS) rows and the goal's hold."""
+    assert rows.shape[1] == N_ROWS
+    groups = [np.maximum(rows[:, group].max(axis=1), 0.0) for group in _GROUPS]
+    return np.append(np.column_stack(groups).ravel(), max(float(goal.max()), 0.0))
+
+
+def step_size(dx: Array) -> float:
+    """The largest change of a state in units of typical sizes."""
+    return float(np.abs(dx / STATE_SCALE).max())

@@ -1,26 +1,40 @@
-"""The numbers of one refinement problem for solvers of the whole: parameters and bounds of rows.
+"""What the refinement's problem looks up along the road, read off at an iterate.
 
-They belong to the expressions of :mod:`mpcplan.refine.stage`. What the problem looks up in tables
-along the road is read off at an iterate: the curvature as a line over the step, the road's edges
-and the neighbours beside as lines in s, and what the body's exact projection adds to that onto a
-circle.
+The parameters of :mod:`mpcplan.refine.stage`: the curvature as a line over the step, the road's
+edges and the neighbours beside as lines in s, and what the body's exact projection adds to that
+onto a circle. The projection's derivative by s joins the slopes of the edges, so that the rows and
+their derivatives by s are exact where they were read off.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from mpcplan.refine.constraints import FREE, Iterate
-from mpcplan.refine.problem import Problem
-from mpcplan.refine.stage import N_GIVEN, N_ROWS, Given, Point, body_offset_at, point_at
+from mpcplan.refine.corridor import Corridor
+from mpcplan.refine.stage import N_GIVEN, Given, Point, body_offset_at, point_at
+from mpcplan.road.goal import GoalWindow
+from mpcplan.road.road import Road
 from mpcplan.seed.paths import BODY_POINTS
 from mpcplan.seed.seed import Stage
 from mpcplan.trajectory import Array
 from mpcplan.vehicle import FORD_ESCORT as CAR
 
+FREE = 1e4  # no bound
 NO_LEAD = 1e3  # m ahead, in place of infinity
 NO_DUE = -1e4  # m
 REACH = 0.25  # m, to either side, over which the edges' slopes are read off
+GAUSS_POINTS = (0.5 - np.sqrt(1 / 12), 0.5 + np.sqrt(1 / 12))  # of a step
+SHORTEST_WAY = 0.1  # m, between the Gauss points' places at least
+GOAL_MARGIN = 0.02  # m (and m/s, and 1e-2 of it rad), the window is entered by this much
+AHEAD = np.array(BODY_POINTS)
+
+
+@dataclass(frozen=True, eq=False)
+class Iterate:
+    """States (N + 1, 6) and inputs (N, 2)."""
+
+    x: Array
+    u: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,63 +42,131 @@ class Reading:
     """What was read off at an iterate.
 
     Attributes:
-        par: (N + 1, N_GIVEN) parameters of the stages.
-        rows: (2, N, N_ROWS) lower and upper bounds of the rows of stages 1..N.
-        goal: (2, 4) bounds of the last body's s, d, speed and heading.
+        par: (N, N_GIVEN) parameters of the steps into the states 1..N.
+        goal: (8,) bounds of the last body's s, d, speed and heading: lower ones, then upper ones.
         turn: (3,) heading and curvature of the path at an arc length: for the last heading.
     """
 
     par: Array
-    rows: Array
     goal: Array
     turn: Array
 
 
-def read(problem: Problem, z: Iterate) -> Reading:
-    """Reads the tables off at an iterate."""
-    n, frame = problem.n, problem.seed.road.frame
-    par = np.zeros((n + 1, N_GIVEN))
-    curvatures = problem.curvatures(z.x)
-    par[:-1, [Given.KAPPA, Given.KAPPA_SLOPE, Given.KAPPA_FROM]] = curvatures
-    par[:, Given.SPEED_LIMIT] = problem.speed_limit
-    par[1:, Given.DUE] = np.maximum(problem.due, NO_DUE)
-    s = z.x[:, Stage.S]
-    par[:, Given.LEAD] = np.minimum(problem.corridor.lead[: n + 1], s + NO_LEAD)
-    par[:, Given.LANE] = problem.lane
-    par[:, [Given.SLANT_S, Given.SLANT_D]] = problem.corridor.slant[: n + 1, :2]
-    par[:, Given.AT] = s
-    _read_body(problem, z.x[1:], par[1:])
-    low, high, _ = problem.rows.goal_rows(z.x[-1])
-    turn = np.concatenate([frame.heading(s[-1:]), frame.curvature(s[-1:]), s[-1:]])
-    return Reading(par, _bounds(problem), np.stack([low[1::2], high[0::2]]), turn)
+class Reader:
+    """Reads off for one seed's problem."""
 
+    def __init__(
+        self, road: Road, corridor: Corridor, goal: GoalWindow | None, n: int, dt: float,
+        constant: dict[Given, Array], extra: float,
+    ) -> None:  # fmt: skip
+        """``constant`` does not depend on the iterate; ``extra`` [m] is kept from the edge."""
+        self._road, self._corridor, self._goal, self._dt = road, corridor, goal, dt
+        self._extra = extra
+        later = corridor.steps(1, n + 1)
+        self._beside = later.d_min, later.d_max
+        self._par = np.zeros((n, N_GIVEN))
+        for name, values in constant.items():
+            self._par[:, name] = values
+        self._par[:, Given.S_MIN], self._par[:, Given.S_MAX] = later.s_min, later.s_max
+        self._par[:, [Given.SLANT_S, Given.SLANT_D, Given.SLANT_MAX]] = later.slant
+        self._lead = later.lead
 
-def _read_body(problem: Problem, x: Array, par: Array) -> None:
-    """Parameters of the body's points at states k >= 1, into their rows."""
-    frame = problem.seed.road.frame
-    at, offset, turn = problem.rows.project_body(x)
-    par[:, Given.BEND] = bend = frame.curvature(x[:, Stage.S] + CAR.rear_to_centre)
-    edges = [problem.rows.sides((at + shift, offset, turn))[1:] for shift in (-REACH, 0.0, REACH)]
-    for i, ahead in enumerate(BODY_POINTS):
-        circle = body_offset_at(x[:, Stage.D], x[:, Stage.MU], bend, ahead)
-        par[:, point_at(i, Point.BIAS)] = offset[:, i] - circle
-        for side, (edge, slope) in enumerate(
-            ((Point.LOW, Point.LOW_SLOPE), (Point.HIGH, Point.HIGH_SLOPE))
+    def __call__(self, z: Iterate) -> Reading:
+        """The reading at an iterate."""
+        par, frame = self._par.copy(), self._road.frame
+        s = z.x[1:, Stage.S]
+        par[:, [Given.KAPPA, Given.KAPPA_SLOPE, Given.KAPPA_FROM]] = self.curvatures(z.x)
+        par[:, Given.LEAD] = np.minimum(self._lead, s + NO_LEAD)
+        par[:, Given.AT] = s
+        self._read_body(z.x[1:], par)
+        last = s[-1:]
+        turn = np.concatenate([frame.heading(last), frame.curvature(last), last])
+        return Reading(par, self._goal_bounds(float(turn[0] + z.x[-1, Stage.MU])), turn)
+
+    def curvatures(self, x: Array) -> Array:
+        """(N, 3) curvature model of every step: kappa_0, kappa_1, s_0."""
+        s = x[:-1, Stage.S]
+        way = np.maximum(np.abs(x[:-1, Stage.V]) * self._dt, SHORTEST_WAY)
+        # the line through the step's two Gauss points integrates a cubic curvature exactly
+        places = np.stack([s + share * way for share in GAUSS_POINTS])
+        first, second = self._road.frame.curvature(places)
+        return np.column_stack([first, (second - first) / (places[1] - places[0]), places[0]])
+
+    def project_body(self, x: Array) -> tuple[Array, Array, Array]:
+        """(n, 4) arc lengths and offsets of the body's points, and the body's heading there."""
+        frame = self._road.frame
+        s, mu = x[:, Stage.S], x[:, Stage.MU]
+        psi = frame.heading(s) + mu
+        axle = frame.to_cartesian(s, x[:, Stage.D])
+        ahead = np.stack([np.cos(psi), np.sin(psi)], axis=1)
+        points = axle[:, None] + AHEAD[None, :, None] * ahead[:, None]
+        at, offset = frame.to_frenet(points, s[:, None] + AHEAD * np.cos(mu)[:, None])
+        return at, offset, psi[:, None] - frame.heading(at)
+
+    def _read_body(self, x: Array, par: Array) -> None:
+        """Parameters of the body's points, into their rows."""
+        frame = self._road.frame
+        s, d, mu = (x[:, c] for c in (Stage.S, Stage.D, Stage.MU))
+        at, offset, turn = self.project_body(x)
+        kappa, bend = frame.curvature(np.stack([s, s + CAR.rear_to_centre]))
+        par[:, Given.BEND] = bend
+        circle = body_offset_at(d[:, None], mu[:, None], bend[:, None], AHEAD)
+        # the rear axle moves along the path's tangent (angle -mu to the body); a motion of the
+        # point along the body's own direction counts sin(turn), one to its left cos(turn)
+        by_s = (1.0 - kappa * d)[:, None] * np.sin(turn - mu[:, None])
+        by_s += AHEAD * kappa[:, None] * np.cos(turn)
+        bounds = self.sides(at, turn)
+        for i in range(len(AHEAD)):
+            par[:, point_at(i, Point.BIAS)] = (offset - circle)[:, i]
+            for (value, slope), names in zip(
+                bounds, ((Point.LOW, Point.LOW_SLOPE), (Point.HIGH, Point.HIGH_SLOPE)), strict=True
+            ):
+                par[:, point_at(i, names[0])] = value[:, i]
+                par[:, point_at(i, names[1])] = (slope - by_s)[:, i]
+
+    def sides(self, at: Array, turn: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        """Lower and upper bounds of the body's points at (n, 4) arc lengths, with their slopes.
+
+        The tighter of the road's edge and the obstacle beside bounds; an obstacle's bound holds for
+        the body's side and was made for its full half width.
+        """
+        frame, limits = self._road.frame, self._road.limits
+        half = CAR.width / 2 * np.abs(np.cos(turn))
+        places = np.stack([at - REACH, at, at + REACH])
+        sides = []
+        for edge, beside, sign in (
+            (limits.right, self._beside[0], 1.0),
+            (limits.left, self._beside[1], -1.0),
         ):
-            before, here, after = (values[side][:, i] for values in edges)
-            par[:, point_at(i, edge)] = here
-            par[:, point_at(i, slope)] = (after - before) / (2 * REACH)
+            before, here, after = np.interp(places, frame.s, edge)
+            road = here + sign * (half + self._extra)
+            other = beside[:, None] + sign * (half - CAR.width / 2)
+            tighter = sign * road >= sign * other
+            slope = np.where(tighter, (after - before) / (2 * REACH), 0.0)
+            sides.append((np.where(tighter, road, other), slope))
+        return sides[0], sides[1]
+
+    def _goal_bounds(self, heading: float) -> Array:
+        """(8,) bounds of the goal's four values; far where nothing is asked for."""
+        goal = self._goal
+        intervals = (goal.s, goal.d, goal.v, goal.psi) if goal else (None,) * 4
+        bounds = []
+        for i, interval in enumerate(intervals):
+            margin = GOAL_MARGIN * (0.1 if i == 3 else 1.0)
+            bounds.append(_shrunk(interval, margin, heading if i == 3 else None))
+        return np.array(bounds).T.ravel()
 
 
-def _bounds(problem: Problem) -> Array:
-    """(2, N, N_ROWS) bounds of the stages' rows."""
-    n, refine, corridor = problem.n, problem.config.refine, problem.corridor
-    later = slice(1, n + 1)
-    limit = CAR.a_max * refine.actuator_share
-    circle, side = CAR.a_max * refine.friction_share**2, problem.lateral_limit
-    low, high = np.full((n, N_ROWS), -np.inf), np.full((n, N_ROWS), np.inf)
-    low[:, 3], low[:, 5] = -side, corridor.s_min[later]
-    high[:, 0], high[:, 1], high[:, 2] = limit, circle, side
-    high[:, 4], high[:, 6] = corridor.s_max[later], corridor.slant[later, 2]
-    low[:, 7::2], high[:, 8::2] = 0.0, 0.0
-    return np.stack([np.where(low > -FREE, low, -np.inf), np.where(high < FREE, high, np.inf)])
+def _shrunk(
+    interval: tuple[float, float] | None, margin: float, angle: float | None
+) -> tuple[float, float]:
+    """The interval less a margin; angles are moved to the turn of the present value."""
+    if interval is None:
+        return -FREE, FREE
+    low, high = interval
+    margin = min(margin, (high - low) / 2)
+    low, high = low + margin, high - margin
+    if angle is not None:
+        turn = 2 * np.pi * np.round((angle - (low + high) / 2) / (2 * np.pi))
+        low, high = low + turn, high + turn
+    return low, high

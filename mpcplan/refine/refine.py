@@ -8,9 +8,9 @@ import numpy as np
 
 from mpcplan.config import Config
 from mpcplan.predict.occupancy import Occupancy
-from mpcplan.refine.constraints import Iterate
 from mpcplan.refine.corridor import build_corridor, narrowed
 from mpcplan.refine.problem import Problem
+from mpcplan.refine.reading import Iterate
 from mpcplan.refine.sqp import SqpResult, solve
 from mpcplan.road.goal import GoalWindow
 from mpcplan.seed.goal_fit import speed_fits
@@ -70,7 +70,7 @@ def refine(
         watch(problem, fresh)
     start = problem.initial()
     result = solve(problem, config.refine, fresh)
-    tr1 = (problem.tr1(start), problem.tr1(result.z))
+    tr1 = (problem.at(start).tr1, problem.at(result.z).tr1)
     trajectory = simulate(state, _inputs(result.z, float(state[State.V]), dt), dt, seed.first_step)
     return Refined(trajectory, result, tr1)
 

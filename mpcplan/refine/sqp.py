@@ -13,22 +13,21 @@ from typing import Any
 import numpy as np
 
 from mpcplan.config import WHOLE, Backend, RefineConfig
-from mpcplan.refine.backends import Answer
-from mpcplan.refine.constraints import Iterate
-from mpcplan.refine.problem import STATE_SCALE, Problem, Quadratic
+from mpcplan.refine.problem import SLACK_CURVATURE, Point, Problem, Quadratic, step_size
 from mpcplan.refine.qp import QpSolver
+from mpcplan.refine.reading import Iterate
 from mpcplan.refine.whole import solve_whole
-from mpcplan.seed.seed import Stage
 from mpcplan.trajectory import Array
 
-STEP_SCALE = np.array(STATE_SCALE)
 DEFECT_PENALTY = 200.0  # rho of the merit function, at least
+RHO_SHARE = 1.2  # or this multiple of the largest multiplier
 DEFECT_TOLERANCE = 1e-3
 ARMIJO = 1e-6
 DAMPING_LESS, DAMPING_MORE = 0.3, 4.0  # after a whole step, after a short one
 DAMPING_REFUSED, DAMPING_LEAST = 10.0, 0.01  # after a step without descent
 DAMPING_MAX = 10.0  # beyond which no step can be expected to help
 FAILED = "subproblem failed"
+HARD = 10.0  # weight of actuator bounds beside that of defects
 STALLED = 0.1  # scaled step below which no descent means that the optimum is reached
 
 
@@ -98,20 +97,19 @@ def solve(problem: Problem, config: RefineConfig, fresh: bool = True) -> SqpResu
         return _whole(problem, backend, config)
     most = config.fresh_iterations if fresh else config.iterations
     solver = _solver(problem, backend, config)
-    z = problem.initial()
-    before = problem.objective(z) + problem.penalty(z)
+    point = problem.at(problem.initial())
+    before = point.cost
     status, qp_iterations, iteration = "iteration limit", 0, 0
     multipliers: Array | None = None
     damping = config.damping
     for iteration in range(1, most + 1):  # noqa: B007 (told in the result)
-        model = problem.quadratic(z, damping)
-        answer = _solved(solver, model)
+        answer = solver.solve(problem.quadratic(point, damping))
         qp_iterations += answer.iterations
         if not answer.usable:
             status = f"{FAILED}: {answer.status}"
             break
         multipliers = answer.y
-        moved = _line_search(problem, z, answer.p, multipliers, config.line_search)
+        moved = _line_search(problem, point, answer.p, multipliers, config.line_search)
         if moved is None:  # the model is not trusted that far: a shorter step by more damping
             if damping > DAMPING_MAX:
                 status = "no descent"
@@ -119,77 +117,73 @@ def solve(problem: Problem, config: RefineConfig, fresh: bool = True) -> SqpResu
             damping = max(damping * DAMPING_REFUSED, DAMPING_LEAST)
             continue
         z, size, gain, share = moved
+        point = problem.at(z)
         damping *= DAMPING_LESS if share == 1.0 else DAMPING_MORE if share < 0.5 else 1.0
         settled = size < config.tolerance or gain < config.gain * (1.0 + before)
-        if settled and np.abs(problem.defects(z)).max() < DEFECT_TOLERANCE:
+        if settled and np.abs(point.defects).max() < DEFECT_TOLERANCE:
             status = "converged"
             break
     kkt = Kkt(*(4 * (float("inf"),)))
     if multipliers is not None:
-        kkt = _residuals(problem, z, problem.quadratic(z), multipliers)
-    after = problem.objective(z) + problem.penalty(z)
-    return SqpResult(z, status, iteration, qp_iterations, kkt, before, after)
+        kkt = _residuals(problem, point, problem.quadratic(point), multipliers)
+    return SqpResult(point.z, status, iteration, qp_iterations, kkt, before, point.cost)
 
 
 def _solver(problem: Problem, backend: Backend, config: RefineConfig) -> QpSolver:
-    return QpSolver(
-        problem.scales(), problem.layout, backend, config.qp_iterations, config.qp_tolerance
-    )
-
-
-def _solved(solver: QpSolver, model: Quadratic) -> Answer:
-    return solver.solve(model.hessian, model.gradient, model.matrix, model.low, model.high)
+    return QpSolver(problem.layout, backend, config.qp_iterations, config.qp_tolerance)
 
 
 def _whole(problem: Problem, backend: str, config: RefineConfig) -> SqpResult:
     """The result of a solver of the whole problem; multipliers are those of an exact step."""
-    z = problem.initial()
-    before = problem.objective(z) + problem.penalty(z)
+    before = problem.at(problem.initial()).cost
     answer = solve_whole(problem, backend, config.whole_iterations)
-    model = problem.quadratic(answer.z)
-    step = _solved(_solver(problem, "piqp", config), model)
-    kkt = _residuals(problem, answer.z, model, step.y)
-    after = problem.objective(answer.z) + problem.penalty(answer.z)
+    point = problem.at(answer.z)
+    model = problem.quadratic(point)
+    step = _solver(problem, "piqp", config).solve(model)
+    kkt = _residuals(problem, point, model, step.y)
     status = "converged" if answer.ok else f"{FAILED}: {answer.status}"
-    return SqpResult(answer.z, status, 1, answer.iterations, kkt, before, after)
+    return SqpResult(point.z, status, 1, answer.iterations, kkt, before, point.cost)
 
 
-def _residuals(problem: Problem, z: Iterate, model: Quadratic, y: Array) -> Kkt:
-    """KKT residuals at z with the multipliers of the last subproblem."""
-    stationarity = np.abs(model.gradient + model.matrix.T @ y).max()
-    slack_low, slack_high = np.abs(np.minimum(model.low, 0.0)), np.abs(np.maximum(model.high, 0.0))
-    products = np.where(y < 0, -y * slack_low, y * slack_high)
-    equality = model.low == model.high
+def _residuals(problem: Problem, point: Point, model: Quadratic, y: Array) -> Kkt:
+    """KKT residuals at an iterate with the multipliers of the last subproblem."""
+    lay = problem.layout
+    matrix = lay.a.matrix(model.matrix)
+    gradient = model.gradient.copy()
+    gradient[lay.slacks] += SLACK_CURVATURE * point.slacks
+    here = np.zeros(lay.n_vars)
+    here[lay.slacks] = point.slacks
+    value = matrix @ here
+    room = np.abs(np.where(y < 0, np.minimum(model.low - value, 0.0), model.high - value))
+    products = np.where(model.low == model.high, 0.0, np.abs(y) * room)
     return Kkt(
-        float(stationarity),
-        float(np.abs(problem.defects(z)).max()),
-        problem.hard_violation(z),
-        float(np.where(equality, 0.0, products).max()),
+        float(np.abs(gradient + matrix.T @ y).max()),
+        float(np.abs(point.defects).max()),
+        point.hard,
+        float(products.max()),
     )
 
 
-def _split(problem: Problem, p: Array) -> tuple[Array, Array]:
-    """The parts of a step for states and inputs."""
-    return p[problem.layout.x], p[problem.layout.u]
-
-
-def _merit(problem: Problem, z: Iterate, rho: float) -> float:
-    defect = np.abs(problem.defects(z)).sum() + 10 * problem.hard_violation(z)
-    return problem.objective(z) + problem.penalty(z) + rho * float(defect)
+def _merit(point: Point, rho: float) -> float:
+    return point.cost + rho * (float(np.abs(point.defects).sum()) + HARD * point.hard)
 
 
 def _line_search(
-    problem: Problem, z: Iterate, p: Array, y: Array, halvings: int
+    problem: Problem, point: Point, p: Array, y: Array, halvings: int
 ) -> tuple[Iterate, float, float, float] | None:
-    """The first shortened step that lowers the merit: iterate, scaled size, gain, share."""
-    dx, du = _split(problem, p)
-    dynamics = slice(len(Stage), len(Stage) * (problem.n + 1))
-    rho = max(DEFECT_PENALTY, 1.2 * float(np.abs(y[dynamics]).max()))
-    before = _merit(problem, z, rho)
-    alpha, whole = 1.0, float(np.abs(dx / STEP_SCALE).max())
+    """The first shortened step that lowers the merit: iterate, scaled size, gain, share.
+
+    The merit is taken with what was read off at the iterate, as the model is.
+    """
+    z, lay = point.z, problem.layout
+    dx, du = np.zeros_like(z.x), p[lay.u]
+    dx[1:] = p[lay.x]
+    rho = max(DEFECT_PENALTY, RHO_SHARE * float(np.abs(y[lay.dynamics]).max()))
+    before = _merit(point, rho)
+    alpha, whole = 1.0, step_size(dx)
     for _ in range(halvings + 1):
         trial = Iterate(z.x + alpha * dx, z.u + alpha * du)
-        gain = before - _merit(problem, trial, rho)
+        gain = before - _merit(problem.at(trial, point.reading), rho)
         if gain >= ARMIJO * alpha * abs(before):
             return trial, alpha * whole, gain, alpha
         alpha /= 2

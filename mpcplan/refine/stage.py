@@ -1,10 +1,10 @@
-"""One stage of the refinement's problem as CasADi expressions, for solvers of the whole problem.
+"""One step of the refinement's problem as CasADi expressions.
 
-The mathematics is that of :mod:`mpcplan.refine.problem`. What comes from tables there (curvature,
-edges of the road, the body's projection) enters as parameters that were read off at an iterate, the
-edges as lines in s; the solver's caller reads them off again at the solution. A stage has its state
-x_k, its inputs [j, w] and its own slacks [sigma_s, sigma_d, sigma_a], so that no row reaches across
-stages but for the dynamics.
+The mathematics is that of :mod:`mpcplan.refine.problem`: the cost of driving the inputs u_{k-1}
+into the state x_k, and the rows g(x_k) <= sigma that this state must meet. What comes from tables
+along the road (curvature, edges, the body's projection) enters as parameters that were read off at
+an iterate (:mod:`mpcplan.refine.reading`), the edges as lines in s. Every row belongs to one step,
+so that only the dynamics reach from one to the next.
 """
 
 from enum import IntEnum
@@ -13,41 +13,51 @@ import casadi as ca
 import numpy as np
 
 from mpcplan.config import Config
-from mpcplan.refine.problem import CLOSEST, SLACK_CURVATURE
 from mpcplan.seed.paths import BODY_POINTS
 from mpcplan.seed.seed import Stage
 from mpcplan.trajectory import Array
 from mpcplan.vehicle import FORD_ESCORT as CAR
 
+CLOSEST = -6.0  # m, smallest gap in the closeness term
 
-class Free(IntEnum):
-    """A stage's variables beside its state."""
+
+class Input(IntEnum):
+    """The inputs over a step: jerk [m/s^3] and steering rate [rad/s]."""
 
     J = 0
     W = 1
-    SLACK_S = 2
-    SLACK_D = 3
-    SLACK_A = 4
+
+
+class Slack(IntEnum):
+    """The slacks of a state: in s [m], in d [m], of the accelerations [m/s^2]."""
+
+    S = 0
+    D = 1
+    A = 2
 
 
 class Given(IntEnum):
-    """A stage's parameters but for those of the body's points."""
+    """A step's parameters but for those of the body's points."""
 
-    KAPPA = 0  # of the path from this stage to the next: kappa + slope (s - from)
+    KAPPA = 0  # of the path over the step: kappa + slope (s - from)
     KAPPA_SLOPE = 1
     KAPPA_FROM = 2
     SPEED_LIMIT = 3
     DUE = 4
     LEAD = 5
     LANE = 6
-    SLANT_S = 7
-    SLANT_D = 8
-    AT = 9  # the arc length at which the body's parameters were read off
-    BEND = 10  # curvature between axle and front
+    S_MIN = 7
+    S_MAX = 8
+    SLANT_S = 9
+    SLANT_D = 10
+    SLANT_MAX = 11
+    LATERAL = 12  # largest lateral acceleration
+    AT = 13  # the arc length at which the body's parameters were read off
+    BEND = 14  # curvature between axle and front
 
 
 class Point(IntEnum):
-    """Parameters of one point of the body: bias of its offset, edges as lines in s - at."""
+    """Parameters of one point of the body: bias of its offset, its bounds as lines in s - at."""
 
     BIAS = 0
     LOW = 1
@@ -57,7 +67,13 @@ class Point(IntEnum):
 
 
 N_GIVEN = len(Given) + len(BODY_POINTS) * len(Point)
-N_ROWS = 7 + 2 * len(BODY_POINTS)
+LIMIT_ROW = 0  # the acceleration limit has no slack
+SLACK_OF_ROW = (
+    None, *[Slack.A] * 3, *[Slack.S] * 3, *[Slack.D] * 2 * len(BODY_POINTS)
+)  # fmt: skip
+N_ROWS = len(SLACK_OF_ROW)
+N_GOAL = 8
+CURVATURE = [Given.KAPPA, Given.KAPPA_SLOPE, Given.KAPPA_FROM]
 
 
 def point_at(i: int, name: Point) -> int:
@@ -65,61 +81,73 @@ def point_at(i: int, name: Point) -> int:
     return len(Given) + i * len(Point) + name
 
 
-def stage_cost(x: ca.SX, u: ca.SX, par: ca.SX, config: Config, dt: float) -> ca.SX:
-    """The cost of a state k >= 1 with its slacks, without that of inputs."""
+def penalty_weights(config: Config, dt: float) -> tuple[float, float, float]:
+    """Weights of a state's slacks; the friction circle is scaled by 1 / a_max, so that its slack
+    is an acceleration."""
+    r = config.refine
+    return dt * r.penalty_lon, dt * r.penalty_lat, dt * r.penalty_acceleration
+
+
+def residuals(x: ca.SX, u: ca.SX, par: ca.SX, config: Config, dt: float) -> tuple[ca.SX, ca.SX]:
+    """What the cost is the sum of squares of, but for the closeness: of TR1, and of the rest."""
     cost, refine = config.cost, config.refine
-    s, d, mu, v = (x[i] for i in (Stage.S, Stage.D, Stage.MU, Stage.V))
-    gap = par[Given.LEAD] - s - CAR.rear_to_centre - cost.distance_offset
-    rate = cost.distance * ca.exp(-cost.distance_decay * ca.fmax(gap, CLOSEST))
-    rate += cost.lane * (d + CAR.rear_to_centre * ca.sin(mu) - par[Given.LANE]) ** 2
-    rate += refine.speeding * ca.fmax(v - par[Given.SPEED_LIMIT], 0.0) ** 2
-    rate += cost.late * ca.fmax(par[Given.DUE] - s, 0.0) ** 2
-    weights = (refine.penalty_lon, refine.penalty_lat, refine.penalty_acceleration)
-    for i, weight in zip((Free.SLACK_S, Free.SLACK_D, Free.SLACK_A), weights, strict=True):
-        rate += weight * u[i] + SLACK_CURVATURE / 2 * u[i] ** 2 / dt
-    return dt * rate
+    offset = x[Stage.D] + CAR.rear_to_centre * ca.sin(x[Stage.MU]) - par[Given.LANE]
+    speeding = ca.fmax(x[Stage.V] - par[Given.SPEED_LIMIT], 0.0)
+    late = ca.fmax(par[Given.DUE] - x[Stage.S], 0.0)
+
+    def weighted(weight: float, value: ca.SX) -> ca.SX:
+        return np.sqrt(dt * weight) * value
+
+    judged = ca.vertcat(
+        weighted(cost.jerk, u[Input.J]),
+        weighted(cost.steering_rate, u[Input.W]),
+        weighted(cost.lane, offset),
+    )
+    return judged, ca.vertcat(weighted(refine.speeding, speeding), weighted(cost.late, late))
 
 
-def input_cost(u: ca.SX, config: Config, dt: float) -> ca.SX:
-    """The cost of jerk and steering rate over one step."""
+def closeness(s: ca.SX, par: ca.SX, config: Config, dt: float) -> ca.SX:
+    """The cost of the distance to the obstacle ahead."""
     cost = config.cost
-    return dt * (cost.jerk * u[Free.J] ** 2 + cost.steering_rate * u[Free.W] ** 2)
+    gap = par[Given.LEAD] - s - CAR.rear_to_centre - cost.distance_offset
+    return dt * cost.distance * ca.exp(-cost.distance_decay * ca.fmax(gap, CLOSEST))
 
 
-def stage_rows(x: ca.SX, u: ca.SX, par: ca.SX, config: Config) -> ca.SX:
-    """(N_ROWS,) rows of a state k >= 1: acceleration limit, friction circle, lateral acceleration
-    above and below, s above and below, half-plane, and of every point d below and above."""
+def rows(x: ca.SX, par: ca.SX, config: Config) -> ca.SX:
+    """(N_ROWS,) values g of a state that meets g <= slack: acceleration limit; friction circle,
+    lateral acceleration to either side; s above and below, half-plane; d of every point of the
+    body below and above. :data:`SLACK_OF_ROW` tells the slacks."""
     s, d, mu, v, delta, a = (x[i] for i in Stage)
-    slack_s, slack_d, slack_a = (u[i] for i in (Free.SLACK_S, Free.SLACK_D, Free.SLACK_A))
-    lat = v**2 / CAR.wheelbase * ca.tan(delta)
+    lateral = v**2 / CAR.wheelbase * ca.tan(delta)
     s_c, d_c = s + CAR.rear_to_centre * ca.cos(mu), d + CAR.rear_to_centre * ca.sin(mu)
-    rows = [
-        a * ca.fmax(v, CAR.v_switch) / CAR.v_switch,
-        (a**2 + lat**2) / CAR.a_max - slack_a,
-        lat - slack_a,
-        lat + slack_a,
-        s - slack_s,
-        s + slack_s,
-        par[Given.SLANT_S] * s_c + par[Given.SLANT_D] * d_c - slack_s,
+    limit = CAR.a_max * config.refine.actuator_share
+    circle = CAR.a_max * config.refine.friction_share**2
+    values = [
+        a * ca.fmax(v, CAR.v_switch) / CAR.v_switch - limit,
+        (a**2 + lateral**2) / CAR.a_max - circle,
+        lateral - par[Given.LATERAL],
+        -lateral - par[Given.LATERAL],
+        s - par[Given.S_MAX],
+        par[Given.S_MIN] - s,
+        par[Given.SLANT_S] * s_c + par[Given.SLANT_D] * d_c - par[Given.SLANT_MAX],
     ]
+    moved = s - par[Given.AT]
     for i, ahead in enumerate(BODY_POINTS):
         offset = body_offset(d, mu, par[Given.BEND], ahead) + par[point_at(i, Point.BIAS)]
-        for edge, slope, sign in (
-            (Point.LOW, Point.LOW_SLOPE, 1.0),
-            (Point.HIGH, Point.HIGH_SLOPE, -1.0),
-        ):
-            line = par[point_at(i, edge)] + par[point_at(i, slope)] * (s - par[Given.AT])
-            rows.append(offset - line + sign * slack_d)
-    return ca.vertcat(*rows)
+        low = par[point_at(i, Point.LOW)] + par[point_at(i, Point.LOW_SLOPE)] * moved
+        high = par[point_at(i, Point.HIGH)] + par[point_at(i, Point.HIGH_SLOPE)] * moved
+        values += [low - offset, offset - high]
+    return ca.vertcat(*values)
 
 
-def goal_rows(x: ca.SX, slack: ca.SX, turn: ca.SX) -> ca.SX:
-    """(8,) the last body's s, d, speed and heading: above, then below.
+def goal_rows(x: ca.SX, bounds: ca.SX, turn: ca.SX) -> ca.SX:
+    """(8,) values g <= slack of the last state: s, d, speed and heading of the body above their
+    bounds, then below.
 
     Args:
         x: the last state.
-        slack: of the goal.
-        turn: heading and curvature of the path at an arc length near the last one.
+        bounds: (8,) lower bounds, then upper ones.
+        turn: (3,) heading and curvature of the path at an arc length near the last one.
     """
     values = ca.vertcat(
         x[Stage.S] + CAR.rear_to_centre * ca.cos(x[Stage.MU]),
@@ -127,7 +155,7 @@ def goal_rows(x: ca.SX, slack: ca.SX, turn: ca.SX) -> ca.SX:
         x[Stage.V],
         turn[0] + turn[1] * (x[Stage.S] - turn[2]) + x[Stage.MU],
     )
-    return ca.vertcat(values - slack, values + slack)
+    return ca.vertcat(values - bounds[4:], bounds[:4] - values)
 
 
 def body_offset(d: ca.SX, mu: ca.SX, bend: ca.SX, ahead: float) -> ca.SX:
@@ -141,7 +169,7 @@ def body_offset(d: ca.SX, mu: ca.SX, bend: ca.SX, ahead: float) -> ca.SX:
     return (2 * across - bend * (along**2 + across**2)) / (1 + far)
 
 
-def body_offset_at(d: Array, mu: Array, bend: Array, ahead: float) -> Array:
+def body_offset_at(d: Array, mu: Array, bend: Array, ahead: float | Array) -> Array:
     """The same of arrays."""
     along, across = ahead * np.cos(mu), d + ahead * np.sin(mu)
     far = np.sqrt((bend * along) ** 2 + (1 - bend * across) ** 2)

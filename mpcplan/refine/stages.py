@@ -1,6 +1,6 @@
 """The quadratic subproblem ordered by stages, as structured solvers want it.
 
-Variables: x_0, u_0, x_1, (u_1, slacks of 1), ..., x_N, (slacks of N and of the goal); rows: of each
+Variables: u_0, x_1, (u_1, slacks of 1), ..., x_N, (slacks of N and of the goal); rows: of each
 stage the dynamics first, then all others. A last stage without states or inputs is added: these
 solvers have no inputs at the last one, but slacks are inputs to them.
 """
@@ -11,7 +11,6 @@ from functools import lru_cache
 import numpy as np
 
 from mpcplan.refine.layout import Index, Layout
-from mpcplan.refine.model import NX
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,17 +34,17 @@ def stages_of(layout: Layout) -> Stages:
     """The order of one layout."""
     n = layout.n
     stage = np.full(layout.n_vars, n)
-    stage[layout.x] = np.arange(n + 1)[:, None]
+    stage[layout.x] = np.arange(1, n + 1)[:, None]
     stage[layout.u] = np.arange(n)[:, None]
-    for slack in (layout.slack_s, layout.slack_d, layout.slack_a):
-        stage[slack] = np.arange(1, n + 1)
+    stage[layout.slack] = np.arange(1, n + 1)[:, None]
     is_input = np.ones(layout.n_vars, bool)
     is_input[layout.x] = False
     columns = np.lexsort((np.arange(layout.n_vars), is_input, stage))
     dynamics = np.zeros(layout.n_rows, bool)
-    dynamics[NX : NX + NX * n] = True
+    dynamics[layout.dynamics] = True
     of_row = np.zeros(layout.n_rows, int)
-    np.maximum.at(of_row, layout.rows, stage[layout.cols])
+    inside = layout.a.columns >= 0
+    np.maximum.at(of_row, layout.a.rows[inside], stage[layout.a.columns[inside]])
     of_row[dynamics] -= 1
     rows = np.lexsort((np.arange(layout.n_rows), ~dynamics, of_row))
     count = n + 2
