@@ -233,7 +233,7 @@ class RefineConfig(Section):
     )
     backend: Backend = par("osqp", "", "QP solver of the subproblems when a plan goes on")
     fresh_backend: Backend = par(
-        "piqp",
+        "piqp multistage",
         "",
         "QP solver for a fresh seed; 'then': where OSQP's answer could not be polished",
     )

@@ -33,7 +33,7 @@ RHO = 1.0
 RHO_INTERVAL = 25  # iterations between updates of rho; the default goes by wall-clock time
 CHECK_INTERVAL = 10
 LIBRARY = "qpsolvers "  # how the names of qpsolvers' solvers begin
-MULTISTAGE_TOLERANCE = 1e-6
+MULTISTAGE_TOLERANCE = 1e-4  # of scaled rows; the step counts to 2e-3
 UNBUFFERED = ("hpipm",)  # solves wrongly from the second time on through CasADi's buffer
 HPIPM = {"iter_max": 60, "res_g_max": 1e-4, "res_b_max": 1e-6, "res_d_max": 1e-6, "res_m_max": 1e-6}
 
@@ -114,8 +114,10 @@ class OsqpBackend:
             self._solver.setup(h, g, a, low, high, **self._settings)
         else:
             self._solver.update(q=g, l=low, u=high, Px=h.data, Ax=a.data)
-            if y is not None:
-                self._solver.warm_start(x=np.zeros(len(g)), y=y)
+            if y is None:  # another problem: nothing of the one before is left
+                self._solver.update_settings(rho=RHO)
+                y = np.zeros(len(low))
+            self._solver.warm_start(x=np.zeros(len(g)), y=y)
         result = self._solver.solve()
         if result.x is None or result.x[0] is None:
             return Answer(np.zeros(len(g)), np.zeros(len(low)), "failed", 0)
@@ -197,6 +199,8 @@ class MultistageBackend:
         self._solver = piqp.SparseSolver()
         self._solver.settings.kkt_solver = piqp.KKTSolver.sparse_multistage
         self._solver.settings.eps_abs = self._solver.settings.eps_rel = MULTISTAGE_TOLERANCE
+        # the problem is scaled already, and PIQP's own scaling remembers the problem before
+        self._solver.settings.preconditioner_iter = 0
         self._ready = False
 
     def __call__(self, problem: Scaled, y: Array | None) -> Answer:

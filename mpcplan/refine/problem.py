@@ -2,8 +2,9 @@
 
 States x = [s, d, mu, v, delta, a], inputs u = [j, w], steps k = 0..N (see :mod:`.model`):
 
-    min  dt sum_k  w_J j_k^2 + w_SR w_k^2 + w_D exp(-c (lead_k - s_k - b - r)) + w_LC e_k^2
+    min  dt sum_k  w_J (e_k j_k)^2 + w_SR w_k^2 + w_D exp(-c (lead_k - s_k - b - r)) + w_LC e_k^2
          + w_v max(0, v_k - v_lim)^2 + w_T max(0, due_k - s_k)^2 + rho' sigma
+         + dt w_J (3/8 a_N / dt)^2 where the drive ends
          (+ |x_N - x_seed|_W^2 where the goal lies further)
     s.t. x_{k+1} = F(x_k, u_k), x_0 given,
          |delta| <= 0.91, 0 <= v <= 45.8, |w| <= 0.4, -11.5 <= a, a <= 11.5 min(1, 4.755/v),
@@ -13,7 +14,8 @@ States x = [s, d, mu, v, delta, a], inputs u = [j, w], steps k = 0..N (see :mod:
          (rear to front), projected exactly; half-planes against turned obstacles,
          goal window at k = N,
 
-with e = d + b sin mu - lane the offset of the body's centre. The slacks have an exact (L1) penalty
+with e = d + b sin mu - lane the offset of the body's centre, and e_k = 1 but for 3/8 in the drive's
+first step (:mod:`mpcplan.seed.cost`). The slacks have an exact (L1) penalty
 rho. The quadratic model linearises the constraints and takes the Gauss-Newton Hessian; the
 closeness term is convex in s and enters with its own second derivative. Functions and derivatives
 of a step are CasADi's (:mod:`.stage`, :mod:`.compiled`), their parameters are read off along the
@@ -32,6 +34,7 @@ from mpcplan.refine.layout import BOXES, STATE_SCALE, Layout, layout
 from mpcplan.refine.reading import FREE, Iterate, Reader, Reading
 from mpcplan.refine.stage import LIMIT_ROW, N_ROWS, SLACK_OF_ROW, Given, Slack, penalty_weights
 from mpcplan.road.goal import GoalWindow
+from mpcplan.seed.cost import EDGE
 from mpcplan.seed.seed import Seed, Stage
 from mpcplan.trajectory import Array
 from mpcplan.vehicle import FORD_ESCORT as CAR
@@ -124,6 +127,8 @@ class Problem:
             Given.DUE: np.maximum(self.due, -FREE),
             Given.LANE: self.lane,
             Given.LATERAL: np.full(n, self.lateral_limit),
+            Given.JERK_SHARE: _shares(n, seed.first_step == road.first_step, 0, 1.0),
+            Given.END_SHARE: _shares(n, goal is not None, -1, 0.0),
         }
         self.read = Reader(road, corridor, goal, n, dt, constant, extra)
         self.weights = np.append(
@@ -199,6 +204,14 @@ class Problem:
         """(4,) lower and upper bounds, and (N, 4) values of the bounded variables."""
         value = np.hstack([z.u, z.x[1:]])[:, BOXES]
         return *self._box, value
+
+
+def _shares(n: int, at_edge: bool, edge: int, inside: float) -> Array:
+    """(n,) the same share for all steps but for the one at an edge of the drive."""
+    shares = np.full(n, inside)
+    if at_edge:
+        shares[edge] = EDGE
+    return shares
 
 
 def _boxes(share: float) -> tuple[Array, Array]:

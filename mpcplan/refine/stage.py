@@ -54,6 +54,8 @@ class Given(IntEnum):
     LATERAL = 12  # largest lateral acceleration
     AT = 13  # the arc length at which the body's parameters were read off
     BEND = 14  # curvature between axle and front
+    JERK_SHARE = 15  # of the step's jerk that counts
+    END_SHARE = 16  # of the step's acceleration, as a jerk of one step, that counts
 
 
 class Point(IntEnum):
@@ -99,7 +101,8 @@ def residuals(x: ca.SX, u: ca.SX, par: ca.SX, config: Config, dt: float) -> tupl
         return np.sqrt(dt * weight) * value
 
     judged = ca.vertcat(
-        weighted(cost.jerk, u[Input.J]),
+        weighted(cost.jerk, par[Given.JERK_SHARE] * u[Input.J]),
+        weighted(cost.jerk, par[Given.END_SHARE] * x[Stage.A] / dt),
         weighted(cost.steering_rate, u[Input.W]),
         weighted(cost.lane, offset),
     )

@@ -11,6 +11,11 @@ options of a planning cycle are compared by this one number, wherever they come 
 The evaluated jerk is not that of the inputs: positions along the lane are smoothed by a filter of
 Savitzky and Golay (Analytical Chemistry 36, 1964) and differentiated three times. Where the others'
 motion is known, so that a plan is likely to be driven to its end, j_k is computed in the same way.
+
+Else, and in the refinement, it is that of the inputs but for both edges of the drive. One-sided
+differences there see the first two positions half a step apart: of a constant acceleration a they
+leave 1/4, 1/4 and 1/8 of a / dt as jerk in three steps, together 3/8 of a / dt in one. At the start
+this takes the place of the jump from the acceleration before, which no position shows.
 """
 
 import numpy as np
@@ -24,6 +29,7 @@ from mpcplan.seed.seed import Stage
 from mpcplan.trajectory import Array
 from mpcplan.vehicle import FORD_ESCORT as CAR
 
+EDGE = 3 / 8  # of the acceleration at either end of a drive is seen as a jerk of one step
 WINDOW, ORDER = 13, 3  # of the evaluator's filter: below so many time steps, and its degree
 SHORTEST = 5  # time steps, a filter with a shorter window is not applied
 LEAST_SHARE = 1.5  # a trajectory has this many times as many states as the filter's window
@@ -41,7 +47,7 @@ def trajectory_cost(
     if known:
         jerk = evaluated_jerk(states, dt, first_step == road.first_step, reaches_goal)[1:]
     else:
-        jerk = np.diff(states[:, Stage.A]) / dt
+        jerk = _jerk_between_edges(states, dt, first_step == road.first_step, reaches_goal)
     steering = np.diff(states[:, Stage.DELTA]) / dt
     centre_s = after[:, Stage.S] + CAR.rear_to_centre * np.cos(after[:, Stage.MU])
     centre_d = after[:, Stage.D] + CAR.rear_to_centre * np.sin(after[:, Stage.MU])
@@ -59,6 +65,17 @@ def trajectory_cost(
         return total
     miss = miss_distance(road, centre_s[-1:], centre_d[-1:], after[-1:, Stage.V])
     return total + config.seed.goal_missed + config.seed.goal_distance * float(miss[0])
+
+
+def _jerk_between_edges(states: Array, dt: float, begins: bool, ends: bool) -> Array:
+    """(n,) jerks of the inputs, with those that the evaluator sees at the edges of a drive."""
+    a = states[:, Stage.A]
+    jerk: Array = np.diff(a) / dt
+    if begins:
+        jerk[0] *= EDGE
+    if ends:
+        jerk[-1] = np.hypot(jerk[-1], EDGE * a[-1] / dt)
+    return jerk
 
 
 def evaluated_jerk(states: Array, dt: float, begins: bool, ends: bool) -> Array:
