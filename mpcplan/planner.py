@@ -112,6 +112,8 @@ class Planner:
             seed, rest, settled = last
             self._developer.develop(cycle, seed, options, refused, rest, settled)
         goes_on = any(option.reaches_goal for option in options)
+        if cycle.forecast.exact and any(o.reaches_goal and o.settled for o in options):
+            return options, [], refused  # nothing new can be learnt, and nothing more be gained
         seeds, reports = self._seeds(cycle, goes_on)
         if options:
             bar = WORTHWHILE * min(option.cost for option in options)

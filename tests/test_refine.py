@@ -343,6 +343,26 @@ def test_least_jerk_to_a_position_and_speed_is_the_analytic_optimum(distance, sp
     assert np.abs(result.z.x[:, Stage.D]).max() < 1e-4
 
 
+def test_a_drive_sets_in_with_the_acceleration_that_it_needs():
+    """At the drive's start a jump is not seen: less than the least jerk from no acceleration, and
+    the first step's jerk is far above all others; later in a drive it is not."""
+    config = with_cost(ACCURATE, jerk=1.0, distance=0.0, lane=0.0, steering_rate=1.0)
+    frame, n = frame_of(straight, 200.0), 40
+    state = state_at(frame, 20.0, v=10.0)
+    end = 20.0 + 46.0 + FORD_ESCORT.rear_to_centre
+    goal = window(n, s=(end, end))
+    jumps = []
+    for first_step in (0, 3):
+        road = replace(road_of(frame, goal), first_step=-first_step)
+        seed = keeping_seed(road, state, n)
+        problem = problem_of(seed, state, occupancy_of(frame, n), goal, config)
+        result = solve(problem, config.refine)
+        assert result.status == "converged"
+        jerk = np.abs(result.z.u[:, 0])
+        jumps.append(jerk[0] / jerk[1:].max())
+    assert jumps[0] > 3.0 and jumps[1] < 1.2
+
+
 def test_the_analytic_optimum_is_the_known_polynomial():
     """int j^2 dt from rest to rest over T, with the end's acceleration free: 60 s^2 / T^5 ..."""
     n, distance = 400, 10.0

@@ -47,7 +47,7 @@ def trajectory_cost(
     if known:
         jerk = evaluated_jerk(states, dt, first_step == road.first_step, reaches_goal)[1:]
     else:
-        jerk = _jerk_between_edges(states, dt, first_step == road.first_step, reaches_goal)
+        jerk = jerk_between_edges(states, dt, first_step == road.first_step, reaches_goal)
     steering = np.diff(states[:, Stage.DELTA]) / dt
     centre_s = after[:, Stage.S] + CAR.rear_to_centre * np.cos(after[:, Stage.MU])
     centre_d = after[:, Stage.D] + CAR.rear_to_centre * np.sin(after[:, Stage.MU])
@@ -67,7 +67,7 @@ def trajectory_cost(
     return total + config.seed.goal_missed + config.seed.goal_distance * float(miss[0])
 
 
-def _jerk_between_edges(states: Array, dt: float, begins: bool, ends: bool) -> Array:
+def jerk_between_edges(states: Array, dt: float, begins: bool, ends: bool) -> Array:
     """(n,) jerks of the inputs, with those that the evaluator sees at the edges of a drive."""
     a = states[:, Stage.A]
     jerk: Array = np.diff(a) / dt

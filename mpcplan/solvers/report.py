@@ -10,7 +10,7 @@ from mpcplan.errors import InputError
 from mpcplan.solvers.compare import lines, try_solvers
 from mpcplan.solvers.record import GOES_ON, TO_GOAL, Recorded, chosen, record_problems
 
-DEFAULT: tuple[Backend, ...] = ("osqp", "piqp", "hpipm", "fatrop", "ipopt")
+DEFAULT: tuple[Backend, ...] = ("osqp", "piqp multistage", "hpipm", "fatrop", "ipopt")
 GROUPS = ((GOES_ON, (30, 30)), (TO_GOAL, (30, 40)), (TO_GOAL, (80, 130)))
 
 
