@@ -1,8 +1,8 @@
 """Solvers of quadratic problems, one interface: min p' H p / 2 + g' p  s.t.  low <= A p <= high.
 
 OSQP is called directly, and so is PIQP where it uses the stages; PIQP, ProxQP and HPIPM through
-CasADi's conic plugins, others through qpsolvers. HPIPM, made for optimal control, wants the problem stage by stage
-(:mod:`mpcplan.refine.stages`).
+CasADi's conic plugins, others through qpsolvers. HPIPM, made for optimal control, wants the problem
+stage by stage (:mod:`mpcplan.refine.stages`).
 
 Sources: Stellato et al.: OSQP, Mathematical Programming Computation 12 (2020); Schwan, Jiang, Kuhn,
 Jones: PIQP, a proximal interior-point quadratic programming solver (CDC 2023); Bambade et al.:

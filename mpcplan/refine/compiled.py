@@ -61,7 +61,7 @@ class Functions:
             part of it which TR1 counts.
         model: of the same: defect, rows, and the nonzeros of dF/d(x, u), dg/dx_next, of the cost's
             gradient by (u, x_next) and of its convex Hessian's upper triangle.
-        goal, goal_model: of (x, bounds, turn): the rows, and with them their Jacobian's nonzeros.
+        goal: of (x, bounds, turn): the goal's rows, and their Jacobian's nonzeros.
         dynamics, of_rows, hessian, of_goal: the sparsities, as (row, column) of each nonzero.
     """
 
@@ -86,7 +86,7 @@ class Functions:
         gradient = ca.densify(ca.gradient(cost, variables))
         sparse = [by_state, by_after, hessian]
         self.dynamics, self.of_rows, self.hessian = (places(m.sparsity()) for m in sparse)
-        nonzeros = [ca.vertcat(*m.nonzeros()) for m in sparse]
+        nonzeros = [_nonzeros(m) for m in sparse]
         self.model = ca.Function(
             "model", given, [defect, g, nonzeros[0], nonzeros[1], gradient, nonzeros[2]]
         )
@@ -94,10 +94,14 @@ class Functions:
         at_goal = goal_rows(x, bounds, turn)
         by_last = ca.jacobian(at_goal, x)
         self.of_goal = places(by_last.sparsity())
-        self.goal = ca.Function(
-            "goal", [x, bounds, turn], [at_goal, ca.vertcat(*by_last.nonzeros())]
-        )
+        self.goal = ca.Function("goal", [x, bounds, turn], [at_goal, _nonzeros(by_last)])
         assert g.numel() == N_ROWS
+
+
+def _nonzeros(matrix: ca.SX) -> ca.SX:
+    """A matrix's nonzeros as a dense column."""
+    elements: Any = matrix.nonzeros()
+    return ca.vertcat(*elements)
 
 
 def places(pattern: ca.Sparsity) -> tuple[list[int], list[int]]:
