@@ -214,6 +214,13 @@ class RefineConfig(Section):
         ge=0,
         le=1,
     )
+    asides: tuple[Annotated[float, Field(ge=0, le=3)], ...] = par(
+        (0.3, 0.0),
+        "m",
+        "how much further aside than TR1 others count as ahead, for the refinement may still move "
+        "sideways: the first; where the others' motion is recorded the best of all",
+        min_length=1,
+    )
     retry_margin: float = par(
         0.15,
         "m",

@@ -8,6 +8,7 @@ from commonroad.planning.planning_problem import PlanningProblem
 from mpcplan.config import Config
 from mpcplan.cycle import Cycle
 from mpcplan.plan import Option
+from mpcplan.refine.corridor import different_asides
 from mpcplan.refine.refine import Refined, Watch, refine
 from mpcplan.road.goal import is_reached
 from mpcplan.road.road import Road
@@ -50,11 +51,13 @@ class Developer:
         ways: list[Callable[[], Option | None]] = []
         if self._config.refine.enabled:
             wider = self._config.refine.retry_margin
-            ways.append(lambda: self._refined(cycle, seed, 0.0, whole))
+            ways.append(lambda: self._best_refined(cycle, seed, whole))
             ways.append(lambda: self._refined(cycle, seed, wider, whole))
         ways.append(lambda: kept or self._unrefined(cycle, seed))
         for way in ways:
             option = way()
+            if option is None and kept is not None and kept.finding.ok:
+                option = kept  # nothing was gained, and wider margins gain less
             if option is None:
                 continue
             if cycle.forecast.exact:  # what is guessed far ahead is not worth it
@@ -71,14 +74,28 @@ class Developer:
             return option.refined is None or self._config.refine.settle >= 1
         return settled or kept.cost - option.cost <= self._config.refine.settle * kept.cost
 
-    def _refined(self, cycle: Cycle, seed: Seed, extra: float, whole: bool) -> Option | None:
+    def _best_refined(self, cycle: Cycle, seed: Seed, whole: bool) -> Option | None:
+        """The refined seed; where all is known and it is refined the whole way, the best of those
+        that count different vehicles as ahead."""
+        if not (cycle.forecast.exact and whole):
+            return self._refined(cycle, seed, 0.0, whole)
+        asides = different_asides(seed, cycle.around(seed.road), self._config)
+        tried = [self._refined(cycle, seed, 0.0, whole, aside) for aside in asides]
+        found = [option for option in tried if option is not None]
+        return min(
+            found, key=lambda o: (not o.finding.ok, not o.reaches_goal, o.cost), default=None
+        )
+
+    def _refined(
+        self, cycle: Cycle, seed: Seed, extra: float, whole: bool, aside: float | None = None
+    ) -> Option | None:
         """The refined seed, with margins grown by ``extra`` metres."""
         seen = cycle.observation
         around = cycle.around(seed.road)
         with cycle.clock("refine"):
             refined = refine(
                 seed, seen.state, seen.acceleration, around, self._config, self._dt, whole, extra,
-                self._watch,
+                self._watch, aside,
             )  # fmt: skip
         if refined is None:
             return None

@@ -17,7 +17,6 @@ from mpcplan.vehicle import FORD_ESCORT as CAR
 
 LON_SCALE = 4.0  # m, a longitudinal gap of this weighs as much as
 LAT_SCALE = 1.0  # m, a lateral one of this when the axis is chosen
-ASIDE = 0.3  # m further aside than TR1 counts: the refinement may still move this much sideways
 SPARE = 0.03  # m, kept on top of verification's margin, or left of the seed's own gap
 FAR = 1e3  # m, no bound
 
@@ -47,8 +46,14 @@ class Corridor:
         return Corridor(*(getattr(self, f.name)[first:end] for f in fields(self)))
 
 
-def build_corridor(seed: Seed, occupancy: Occupancy, config: Config) -> Corridor:
-    """The corridor of a seed among predicted obstacles."""
+def build_corridor(
+    seed: Seed, occupancy: Occupancy, config: Config, aside: float | None = None
+) -> Corridor:
+    """The corridor of a seed among predicted obstacles.
+
+    Who is ahead is counted ``aside`` metres further to the side than TR1 does, for the refinement
+    may still move sideways; None: as much as is configured first.
+    """
     n = len(seed.states)
     window = occupancy.window(seed.first_step, n)
     near = np.flatnonzero(np.isfinite(window.s).any(axis=1))
@@ -72,7 +77,20 @@ def build_corridor(seed: Seed, occupancy: Occupancy, config: Config) -> Corridor
     d_max = nearest(window.d_low[near] - half - lat_margin, chosen & ~by_lon & to_left)
     d_min = -nearest(-(window.d_high[near] + half + lat_margin), chosen & ~by_lon & ~to_left)
     s_max = np.minimum(s_max, seed.road.limits.end - CAR.front)
-    return Corridor(s_min, s_max, d_min, d_max, _lead(seed, window, near, config), slant)
+    lead = _lead(seed, window, near, config, config.refine.asides[0] if aside is None else aside)
+    return Corridor(s_min, s_max, d_min, d_max, lead, slant)
+
+
+def different_asides(seed: Seed, occupancy: Occupancy, config: Config) -> list[float]:
+    """Of the configured distances aside those that count others as ahead than the ones before."""
+    window = occupancy.window(seed.first_step, len(seed.states))
+    near = np.flatnonzero(np.isfinite(window.s).any(axis=1))
+    found: list[tuple[float, Array]] = []
+    for aside in config.refine.asides:
+        lead = _lead(seed, window, near, config, aside)
+        if not any(np.array_equal(lead, other) for _, other in found):
+            found.append((aside, lead))
+    return [aside for aside, _ in found]
 
 
 def _gaps(
@@ -130,13 +148,13 @@ def _slack(slant: Array, s_c: float, d_c: float) -> float:
     return float(slant[2] - slant[0] * s_c - slant[1] * d_c)
 
 
-def _lead(seed: Seed, window: Occupancy, rows: Array, config: Config) -> Array:
+def _lead(seed: Seed, window: Occupancy, rows: Array, config: Config, aside: float) -> Array:
     """(n,) arc length of the nearest centre ahead that counts for TR1, from the seed's place."""
     s, d, mu = (seed.states[:, c] for c in (Stage.S, Stage.D, Stage.MU))
     centre_s = s + CAR.rear_to_centre * np.cos(mu)
     centre_d = d + CAR.rear_to_centre * np.sin(mu)
     with np.errstate(invalid="ignore"):
-        counts = np.abs(window.d[rows] - centre_d) < config.cost.distance_lateral + ASIDE
+        counts = np.abs(window.d[rows] - centre_d) < config.cost.distance_lateral + aside
         counts &= window.s[rows] > centre_s
     return np.where(counts, window.s[rows], np.inf).min(axis=0, initial=np.inf)
 

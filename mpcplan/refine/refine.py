@@ -48,7 +48,7 @@ class Refined:
 
 def refine(
     seed: Seed, state: Array, acceleration: float, occupancy: Occupancy, config: Config, dt: float,
-    fresh: bool, extra: float = 0.0, watch: Watch | None = None,
+    fresh: bool, extra: float = 0.0, watch: Watch | None = None, aside: float | None = None,
 ) -> Refined | None:  # fmt: skip
     """Refines a seed from a rear-axle state; None where the seed is too short to refine.
 
@@ -62,8 +62,9 @@ def refine(
         fresh: whether the seed was never refined: then the problem may reach to its end.
         extra: margin [m] kept from obstacles and road's edge on top of the configured ones.
         watch: is shown the problem.
+        aside: see :func:`mpcplan.refine.corridor.build_corridor`.
     """
-    problem = make_problem(seed, state, acceleration, occupancy, config, dt, fresh, extra)
+    problem = make_problem(seed, state, acceleration, occupancy, config, dt, fresh, extra, aside)
     if problem is None:
         return None
     if watch is not None:
@@ -77,7 +78,7 @@ def refine(
 
 def make_problem(
     seed: Seed, state: Array, acceleration: float, occupancy: Occupancy, config: Config, dt: float,
-    fresh: bool, extra: float,
+    fresh: bool, extra: float, aside: float | None,
 ) -> Problem | None:  # fmt: skip
     """The optimal-control problem of a seed, see :func:`refine`."""
     total = len(seed.states) - 1
@@ -88,7 +89,7 @@ def make_problem(
     pose = frenet_pose(seed.road, state)
     x0 = np.array([pose.s, pose.d, pose.mu, state[State.V], pose.delta, acceleration])
     goal = _goal_at_end(seed) if n == total and seed.reaches_goal else None
-    corridor = narrowed(build_corridor(seed, occupancy, config), extra)
+    corridor = narrowed(build_corridor(seed, occupancy, config, aside), extra)
     return Problem(seed, corridor, x0, goal, n, config, dt, extra)
 
 
