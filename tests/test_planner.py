@@ -16,6 +16,7 @@ from commonroad.geometry.shape import Rectangle
 from commonroad.scenario.obstacle import ObstacleType, StaticObstacle
 
 from mpcplan.config import Config
+from mpcplan.develop import KEPT
 from mpcplan.observation import Observation, Snapshot
 from mpcplan.plan import Plan
 from mpcplan.planner import Planner
@@ -149,6 +150,19 @@ def test_where_all_is_known_a_settled_plan_is_carried_on_without_new_seeds():
         traces = [cycle.plan.trace for cycle in drive(loaded, given).drives[0].cycles]
         later = [t for t in traces[3:] if t["source"].startswith("last plan")]
         assert later and all(bool(trace["seeds"]) is anew for trace in later)
+
+
+def test_a_plan_that_gains_nothing_is_refined_only_once_a_cycle():
+    """Wider margins than those that it keeps already would gain less."""
+    loaded, steps = bundled("FreeRoad"), []
+
+    def planner(task: Task, config: Config) -> Planner:
+        return Planner(task, config, lambda problem, _: steps.append(problem.seed.first_step))
+
+    cycles = drive(loaded, planner=planner).drives[0].cycles
+    kept = [cycle.step for cycle in cycles if cycle.plan.source == KEPT]
+    counts = [steps.count(step) for step in kept[1:]]
+    assert 1 in counts and max(counts) == 1
 
 
 def test_a_plan_that_cannot_reach_its_goal_ends_at_rest(tmp_path):

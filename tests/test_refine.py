@@ -15,7 +15,7 @@ from mpcplan.config import Config
 from mpcplan.predict.occupancy import Occupancy
 from mpcplan.refine.backends import Answer
 from mpcplan.refine.compiled import compiled, functions
-from mpcplan.refine.corridor import build_corridor
+from mpcplan.refine.corridor import build_corridor, different_asides
 from mpcplan.refine.layout import INPUT_SCALE, STATE_SCALE
 from mpcplan.refine.problem import SLACK_CURVATURE, Point, Problem
 from mpcplan.refine.qp import QpSolver
@@ -307,6 +307,19 @@ def test_the_hessian_is_positive_semidefinite_and_matches_the_convex_terms():
         up, down = (end.objective for end in ends(problem, point, p))
         second = (up - 2 * point.objective + down) / 1e-6
         assert whole[column, column] == pytest.approx(second, rel=1e-2, abs=2e-5)
+
+
+def test_who_is_just_aside_counts_as_ahead_only_by_the_wider_distance():
+    """TR1 counts centres within 2.8 m; one at 2.9 m is told apart, one at 1 m or at 5 m is not."""
+    frame = frame_of(straight, 200.0)
+    road, state, config = road_of(frame, window(10)), state_at(frame, 30.0, v=5.0), Config()
+    seed = keeping_seed(road, state, 10)
+    for d, asides in ((2.9, [0.3, 0.0]), (1.0, [0.3]), (5.0, [0.3])):
+        occupancy = occupancy_of(frame, 30, Track(60.0, d, 5.0))
+        assert different_asides(seed, occupancy, config) == asides
+        counted = [np.isfinite(build_corridor(seed, occupancy, config, a).lead[1:]) for a in asides]
+        assert counted[0].all() == (d < 3.1) and not counted[0].any() == (d > 3.1)
+        assert len(asides) == 1 or not counted[1].any()
 
 
 # -- optima ---------------------------------------------------------------------------------------
