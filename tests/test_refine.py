@@ -318,7 +318,7 @@ def test_who_is_just_aside_counts_as_ahead_only_by_the_wider_distance():
         occupancy = occupancy_of(frame, 30, Track(60.0, d, 5.0))
         assert different_asides(seed, occupancy, config) == asides
         counted = [np.isfinite(build_corridor(seed, occupancy, config, a).lead[1:]) for a in asides]
-        assert counted[0].all() == (d < 3.1) and not counted[0].any() == (d > 3.1)
+        assert counted[0].all() == (d < 3.1) and counted[0].any() == (d < 3.1)
         assert len(asides) == 1 or not counted[1].any()
 
 
