@@ -39,6 +39,12 @@ class CostConfig(Section):
     distance_lateral: float = par(
         2.8, "m", "obstacles within this lateral distance count as ahead", gt=0, le=10
     )
+    edges: bool = par(
+        True,
+        "",
+        "where the others' motion is recorded, the jerk at both ends of a drive is weighed as the "
+        "evaluator sees it",
+    )
     reserve: float = par(
         0.0,
         "1",

@@ -56,7 +56,7 @@ class Developer:
         ways.append(lambda: kept or self._unrefined(cycle, seed))
         for way in ways:
             option = way()
-            if option is None and kept is not None and kept.finding.ok:
+            if option is None and cycle.forecast.exact and kept is not None and kept.finding.ok:
                 option = kept  # nothing was gained, and wider margins gain less
             if option is None:
                 continue

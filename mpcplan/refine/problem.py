@@ -122,13 +122,14 @@ class Problem:
         self.lateral_limit = max(
             config.road.lateral_acceleration, min(start, FRICTION_LEFT * CAR.a_max)
         )
+        edges, begins = config.cost.edges, seed.first_step == road.first_step
         constant = {
             Given.SPEED_LIMIT: self.speed_limit,
             Given.DUE: np.maximum(self.due, -FREE),
             Given.LANE: self.lane,
             Given.LATERAL: np.full(n, self.lateral_limit),
-            Given.JERK_SHARE: _shares(n, seed.first_step == road.first_step, 0, 1.0),
-            Given.END_SHARE: _shares(n, goal is not None, -1, 0.0),
+            Given.JERK_SHARE: _shares(n, edges and begins, 0, 1.0),
+            Given.END_SHARE: _shares(n, edges and goal is not None, -1, 0.0),
         }
         self.read = Reader(road, corridor, goal, n, dt, constant, extra)
         self.weights = np.append(

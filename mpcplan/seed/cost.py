@@ -47,7 +47,8 @@ def trajectory_cost(
     if known:
         jerk = evaluated_jerk(states, dt, first_step == road.first_step, reaches_goal)[1:]
     else:
-        jerk = jerk_between_edges(states, dt, first_step == road.first_step, reaches_goal)
+        begins, ends = first_step == road.first_step, reaches_goal
+        jerk = jerk_between_edges(states, dt, cost.edges and begins, cost.edges and ends)
     steering = np.diff(states[:, Stage.DELTA]) / dt
     centre_s = after[:, Stage.S] + CAR.rear_to_centre * np.cos(after[:, Stage.MU])
     centre_d = after[:, Stage.D] + CAR.rear_to_centre * np.sin(after[:, Stage.MU])
