@@ -127,18 +127,20 @@ class Reader:
     def sides(self, at: Array, turn: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         """Lower and upper bounds of the body's points at (n, 4) arc lengths, with their slopes.
 
-        The tighter of the road's edge and the obstacle beside bounds; an obstacle's bound holds for
-        the body's side and was made for its full half width.
+        The tighter of the road's edge and the obstacle beside bounds. The edge counts where the
+        body's side is, which a turned body has ahead of the point or behind it; an obstacle's bound
+        was made for the body's full half width.
         """
         frame, limits = self._road.frame, self._road.limits
         half = CAR.width / 2 * np.abs(np.cos(turn))
-        places = np.stack([at - REACH, at, at + REACH])
+        shift = CAR.width / 2 * np.sin(turn)
         sides = []
         for edge, beside, sign in (
             (limits.right, self._beside[0], 1.0),
             (limits.left, self._beside[1], -1.0),
         ):
-            before, here, after = np.interp(places, frame.s, edge)
+            side = at + sign * shift
+            before, here, after = np.interp([side - REACH, side, side + REACH], frame.s, edge)
             road = here + sign * (half + self._extra)
             other = beside[:, None] + sign * (half - CAR.width / 2)
             tighter = sign * road >= sign * other
