@@ -208,13 +208,22 @@ def _advance(x: ca.MX, u: ca.MX, curvature: Callable[[ca.MX], ca.MX]) -> ca.MX:
 
 
 def _cost(reference: Reference, opti: ca.Opti, x: ca.MX, u: ca.MX) -> ca.MX:
-    """The four TR1 terms, speeding, and the distance from the seed's end where there is no goal."""
+    """The four TR1 terms, speeding, and the distance from the seed's end where there is no goal.
+
+    The drive begins with the problem and, where there is a goal, ends with it: there the jerk is
+    that which the evaluator sees.
+    """
     cost, total = reference.config.cost, 0
+    share = 3 / 8 if cost.edges else 0.0
+    if reference.goal is not None:
+        total += DT * cost.jerk * (share * x[5, -1] / DT) ** 2
+    first = share if cost.edges else 1.0
     speeding = opti.variable(reference.n)
     opti.subject_to(speeding >= 0)
     for k in range(reference.n):
         s, d, mu, v = (x[i, k + 1] for i in range(4))
-        rate = cost.jerk * u[0, k] ** 2 + cost.steering_rate * u[1, k] ** 2
+        jerk = u[0, k] * (first if k == 0 else 1.0)
+        rate = cost.jerk * jerk**2 + cost.steering_rate * u[1, k] ** 2
         rate += cost.lane * (d + CAR["b"] * ca.sin(mu) - reference.lane[k]) ** 2
         if np.isfinite(reference.lead[k]):
             gap = reference.lead[k] - s - CAR["b"] - cost.distance_offset

@@ -341,7 +341,7 @@ def analytic_jerks(n: int, v: float, distance: float, speed: float) -> Array:
 )
 def test_least_jerk_to_a_position_and_speed_is_the_analytic_optimum(distance, speed, n):
     """With jerk alone in the cost a free straight road leaves a linear quadratic problem."""
-    config = with_cost(ACCURATE, jerk=1.0, distance=0.0, lane=0.0, steering_rate=1.0)
+    config = with_cost(ACCURATE, jerk=1.0, distance=0.0, lane=0.0, steering_rate=1.0, edges=False)
     frame = frame_of(straight, 200.0)
     state = state_at(frame, 20.0, v=10.0)
     end = 20.0 + distance + FORD_ESCORT.rear_to_centre
