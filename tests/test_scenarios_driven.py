@@ -63,10 +63,10 @@ TABLE = {
     "ZAM_FreeRoad": Row(gap=50.0, braking=0.05, end=(11.9, 12.1), tr1=1e-3),
     "ZAM_GoalIntervals": Row(gap=1.0, lateral=2.0, braking=2.0, end=(6.0, 8.0), tr1=0.2),
     "ZAM_HardBrake": Row(gap=2.0, braking=9.0, tr1=2.2),
-    "ZAM_LaneChange": Row(gap=0.8, lateral=5.0, braking=1.0, tr1=0.7),
+    "ZAM_LaneChange": Row(gap=0.8, lateral=5.1, braking=1.0, tr1=0.7),
     "ZAM_Merge": Row(gap=0.5, lateral=5.1, braking=3.0, tr1=1.8),
     "ZAM_Oncoming": Row(gap=0.3, lateral=4.5, braking=3.0, tr1=0.8),
-    "ZAM_ParkedCar": Row(gap=0.3, lateral=4.0, tr1=4.0),
+    "ZAM_ParkedCar": Row(gap=0.3, lateral=5.1, tr1=4.0),
     "ZAM_Roundabout": Row(gap=2.0, lateral=5.1, tr1=4.0, falls=4),
     "ZAM_SBend": Row(gap=0.5, lateral=4.0, braking=3.0, tr1=0.4),
     "ZAM_StandingStart": Row(gap=2.0, braking=1.0, end=(3.0, 9.0), tr1=12.0),
@@ -77,7 +77,7 @@ TABLE = {
     "ZAM_TimeOnly": Row(gap=2.0, braking=7.0, tr1=2.0),
 }
 NARROW = "plans pass as close as the seed does: verified, but narrower than a person would"
-PASSED_NARROWLY = ("ZAM_Bicycle", "ZAM_Merge")
+PASSED_NARROWLY = ("ZAM_Bicycle",)
 QUICK = ("ZAM_FreeRoad", "ZAM_TimeOnly")
 NAMES = [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in TABLE]
 driven = pytest.mark.parametrize("name", NAMES)
