@@ -225,7 +225,8 @@ class Planner:
 
 def _for_guesses(config: Config) -> Config:
     """The configuration for others whose motion is a guess: the last moment may be too late, and
-    what counts on their motion far ahead (later lane changes, further routes) is not worth it."""
+    what counts on their motion far ahead (later lane changes, further routes, the jerk at the
+    drive's end) is not worth it."""
     reserve = max(config.cost.reserve, config.predict.reserve)
     cost = config.cost.model_copy(update={"reserve": reserve, "edges": False})
     variants = min(config.road.variants, config.predict.variants)

@@ -25,6 +25,7 @@ from mpcplan.refine.sqp import SqpResult, solve
 from mpcplan.refine.stage import CURVATURE, N_GIVEN, SLACK_OF_ROW
 from mpcplan.road.goal import GoalWindow
 from mpcplan.road.road import Road
+from mpcplan.seed.cost import evaluated_jerk
 from mpcplan.seed.lattice import lattice
 from mpcplan.seed.paths import BODY_POINTS, frenet_pose
 from mpcplan.seed.seed import Seed, Stage
@@ -354,6 +355,29 @@ def test_least_jerk_to_a_position_and_speed_is_the_analytic_optimum(distance, sp
     assert problem.at(result.z).objective == pytest.approx(DT * expected @ expected, rel=2e-3)
     assert result.z.u[:, 0] == pytest.approx(expected, abs=0.02 * np.abs(expected).max() + 1e-3)
     assert np.abs(result.z.x[:, Stage.D]).max() < 1e-4
+
+
+@pytest.mark.parametrize("n", [33, 60, 100])
+def test_the_refinement_ranks_jerks_as_the_evaluator_does(n):
+    """Over drives whose acceleration is a random polyline; the inputs' own jerk does not."""
+    config = with_cost(ACCURATE, jerk=1.0, distance=0.0, lane=0.0, steering_rate=0.0)
+    frame, rng = frame_of(straight, 900.0), np.random.default_rng(n)
+    state = state_at(frame, 20.0, v=10.0)
+    seed = keeping_seed(road_of(frame, window(n)), state, n)
+    problem = problem_of(seed, state, occupancy_of(frame, n), window(n), config)
+    evaluated, modelled, driven = [], [], []
+    for _ in range(100):
+        knots = 2 * rng.normal(size=rng.integers(2, 6))
+        x, u = problem.initial().x, np.zeros((n, 2))
+        x[1:, Stage.A] = np.interp(np.linspace(0, 1, n), np.linspace(0, 1, len(knots)), knots)
+        x[:, Stage.V] = 10.0 + DT * np.cumsum(x[:, Stage.A])
+        x[1:, Stage.S] = x[0, Stage.S] + DT * np.cumsum((x[1:, Stage.V] + x[:-1, Stage.V]) / 2)
+        u[:, 0] = np.diff(x[:, Stage.A]) / DT
+        evaluated.append((evaluated_jerk(x, DT, True, True) ** 2).sum())
+        modelled.append(problem.at(Iterate(x, u)).tr1)
+        driven.append((u[:, 0] ** 2).sum())
+    assert np.corrcoef(evaluated, modelled)[0, 1] > 0.95
+    assert np.corrcoef(evaluated, driven)[0, 1] < 0.8
 
 
 def test_a_drive_sets_in_with_the_acceleration_that_it_needs():

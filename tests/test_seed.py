@@ -27,7 +27,7 @@ from mpcplan.road.goal import GoalWindow
 from mpcplan.road.road import Road
 from mpcplan.seed.blocked import block
 from mpcplan.seed.candidates import Effort, find_seeds
-from mpcplan.seed.cost import EDGE, evaluated_jerk, jerk_between_edges
+from mpcplan.seed.cost import EDGE, evaluated_jerk
 from mpcplan.seed.lattice import lattice
 from mpcplan.seed.paths import Paths, frenet_pose, sample_paths
 from mpcplan.seed.polynomials import evaluate, quartic, quintic
@@ -580,22 +580,6 @@ def test_at_its_edges_a_drive_costs_three_eighths_of_its_acceleration(a, n):
     """What the refinement assumes, exact where the acceleration is constant."""
     jerk = evaluated_jerk(along_a_straight(np.full(n, a)), DT, True, True)
     assert DT * (jerk**2).sum() == pytest.approx(2 * DT * (EDGE * a / DT) ** 2, abs=1e-6)
-
-
-@pytest.mark.parametrize("n", [33, 60, 100])
-def test_the_jerk_between_the_edges_ranks_drives_as_the_evaluator_does(n):
-    """Over drives whose acceleration is a random polyline; the inputs' own jerk does not."""
-    rng = np.random.default_rng(n)
-    evaluated, modelled, driven = [], [], []
-    for _ in range(100):
-        knots = 2 * rng.normal(size=rng.integers(2, 6))
-        a = np.interp(np.linspace(0, 1, n), np.linspace(0, 1, len(knots)), knots)
-        states = along_a_straight(a)
-        evaluated.append((evaluated_jerk(states, DT, True, True) ** 2).sum())
-        modelled.append((jerk_between_edges(states, DT, True, True) ** 2).sum())
-        driven.append((np.diff(states[:, Stage.A]) ** 2).sum())
-    assert np.corrcoef(evaluated, modelled)[0, 1] > 0.95
-    assert np.corrcoef(evaluated, driven)[0, 1] < 0.8
 
 
 def test_the_evaluator_smooths_a_jolt():

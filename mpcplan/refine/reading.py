@@ -21,7 +21,6 @@ from mpcplan.vehicle import FORD_ESCORT as CAR
 
 FREE = 1e4  # no bound
 NO_LEAD = 1e3  # m ahead, in place of infinity
-NO_DUE = -1e4  # m
 REACH = 0.25  # m, to either side, over which the edges' slopes are read off
 GAUSS_POINTS = (0.5 - np.sqrt(1 / 12), 0.5 + np.sqrt(1 / 12))  # of a step
 SHORTEST_WAY = 0.1  # m, between the Gauss points' places at least

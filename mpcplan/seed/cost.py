@@ -12,10 +12,11 @@ The evaluated jerk is not that of the inputs: positions along the lane are smoot
 Savitzky and Golay (Analytical Chemistry 36, 1964) and differentiated three times. Where the others'
 motion is known, so that a plan is likely to be driven to its end, j_k is computed in the same way.
 
-Else, and in the refinement, it is that of the inputs but for both edges of the drive. One-sided
-differences there see the first two positions half a step apart: of a constant acceleration a they
-leave 1/4, 1/4 and 1/8 of a / dt as jerk in three steps, together 3/8 of a / dt in one. At the start
-this takes the place of the jump from the acceleration before, which no position shows.
+Else it is that of the inputs. In the refinement it is that too, but for both edges of a drive where
+motion is known (:mod:`mpcplan.refine.problem`). One-sided differences there see the first two
+positions half a step apart: of a constant acceleration a they leave 1/4, 1/4 and 1/8 of a / dt as
+jerk in three steps, together 3/8 of a / dt in one. At the start this takes the place of the jump
+from the acceleration before, which no position shows.
 """
 
 import numpy as np
@@ -47,8 +48,7 @@ def trajectory_cost(
     if known:
         jerk = evaluated_jerk(states, dt, first_step == road.first_step, reaches_goal)[1:]
     else:
-        begins, ends = first_step == road.first_step, reaches_goal
-        jerk = jerk_between_edges(states, dt, cost.edges and begins, cost.edges and ends)
+        jerk = np.diff(states[:, Stage.A]) / dt
     steering = np.diff(states[:, Stage.DELTA]) / dt
     centre_s = after[:, Stage.S] + CAR.rear_to_centre * np.cos(after[:, Stage.MU])
     centre_d = after[:, Stage.D] + CAR.rear_to_centre * np.sin(after[:, Stage.MU])
@@ -66,17 +66,6 @@ def trajectory_cost(
         return total
     miss = miss_distance(road, centre_s[-1:], centre_d[-1:], after[-1:, Stage.V])
     return total + config.seed.goal_missed + config.seed.goal_distance * float(miss[0])
-
-
-def jerk_between_edges(states: Array, dt: float, begins: bool, ends: bool) -> Array:
-    """(n,) jerks of the inputs, with those that the evaluator sees at the edges of a drive."""
-    a = states[:, Stage.A]
-    jerk: Array = np.diff(a) / dt
-    if begins:
-        jerk[0] *= EDGE
-    if ends:
-        jerk[-1] = np.hypot(jerk[-1], EDGE * a[-1] / dt)
-    return jerk
 
 
 def evaluated_jerk(states: Array, dt: float, begins: bool, ends: bool) -> Array:
