@@ -99,7 +99,12 @@ def _goal_at_end(seed: Seed) -> GoalWindow | None:
     goals = [goal for goal in seed.road.goals if goal.first <= last <= goal.last]
     v = seed.states[-1:, Stage.V]
     fitting = [goal for goal in goals if speed_fits(goal, v)[0]]
-    return next(iter(fitting or goals), None)
+    goal = next(iter(fitting or goals), None)
+    if goal is None:
+        return None
+    s, d, mu = (float(seed.states[-1, c]) for c in (Stage.S, Stage.D, Stage.MU))
+    ahead = CAR.rear_to_centre * np.array([np.cos(mu), np.sin(mu)])
+    return goal.around(s + ahead[0], d + ahead[1])
 
 
 def _inputs(z: Iterate, v0: float, dt: float) -> Array:

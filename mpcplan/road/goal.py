@@ -5,7 +5,7 @@ vehicle's centre at which its position region is met (None: anywhere), and inter
 heading. The official test (`GoalRegion.is_reached`) has the last word on what was driven.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -15,6 +15,7 @@ from commonroad.planning.planning_problem import PlanningProblem
 from commonroad.scenario.state import CustomState, TraceState
 
 from mpcplan.road.frame import Frame
+from mpcplan.road.goal_region import GoalRegion, goal_region
 from mpcplan.trajectory import Array, State
 from mpcplan.vehicle import FORD_ESCORT
 
@@ -36,6 +37,7 @@ class GoalWindow:
         d: (least, largest) offset [m] of the centre within that range, or None.
         v: (least, largest) speed [m/s], or None.
         psi: (least, largest) heading [rad], or None.
+        region: where exactly the centre may be, beyond the ranges of s and d; None: in these.
     """
 
     first: int
@@ -44,6 +46,22 @@ class GoalWindow:
     d: tuple[float, float] | None
     v: tuple[float, float] | None
     psi: tuple[float, float] | None
+    region: GoalRegion | None = None
+
+    def holds(self, s: Array, d: Array) -> Array:
+        """Whether centres (s, d) are where the goal is."""
+        if self.region is not None:
+            return self.region.contains(s, d)
+        found = np.ones(np.broadcast_shapes(np.shape(s), np.shape(d)), bool)
+        for values, interval in ((s, self.s), (d, self.d)):
+            if interval is not None:
+                found &= (values >= interval[0]) & (values <= interval[1])
+        return found
+
+    def around(self, s: float, d: float) -> "GoalWindow":
+        """The window with ranges of s and d that hold throughout: those around a centre in it."""
+        box = self.region.box(s, d) if self.region is not None else None
+        return self if box is None else replace(self, s=box[0], d=box[1])
 
 
 def goal_windows(
@@ -65,15 +83,15 @@ def _window(state: TraceState, frame: Frame, start: float, last_step: int) -> Go
     first, last = 0, last_step
     if state.has_value("time_step"):
         first, last = (int(v) for v in _interval(state.time_step))
-    s = d = None
+    s = d = region = None
     if state.has_value("position"):
         met = _position_window(region_of(state.position), frame, start)
         if met is None:
             return None
-        s, d = met
+        s, d, region = met
     v = _interval(state.velocity) if state.has_value("velocity") else None
     psi = _interval(state.orientation) if state.has_value("orientation") else None
-    return GoalWindow(first, last, s, d, v, psi)
+    return GoalWindow(first, last, s, d, v, psi, region)
 
 
 def region_of(shape: Shape) -> shapely.Geometry:
@@ -94,8 +112,9 @@ def _interval(value: Interval | AngleInterval | float) -> tuple[float, float]:
 
 def _position_window(
     region: shapely.Geometry, frame: Frame, start: float
-) -> tuple[tuple[float, float], tuple[float, float]] | None:
-    """Range of s, and of d about its middle, in which the path's neighbourhood meets the region.
+) -> tuple[tuple[float, float], tuple[float, float], GoalRegion] | None:
+    """Range of s, and of d about its middle, in which the path's neighbourhood meets the region,
+    and where it does exactly.
 
     Of all offsets the one nearest to the reference that meets the region is taken; of several
     stretches along it the longest that is not passed yet.
@@ -115,9 +134,14 @@ def _position_window(
     low, high = runs[column]
     middle = (low + high) // 2
     left, right = _run_around(inside[middle], column)
+    met, beside = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
+    # the region may reach up to the next samples
+    along = max(frame.s[met[0]] - frame.spacing, start), frame.s[met[-1]] + frame.spacing
+    across = offsets[beside[0]] - LATERAL_STEP, offsets[beside[-1]] + LATERAL_STEP
     return (
         _shrunk(frame.s[low], frame.s[high]),
         _shrunk(offsets[left], offsets[right]),
+        goal_region(region, frame, along, across),
     )
 
 

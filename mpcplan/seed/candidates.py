@@ -9,9 +9,11 @@ from mpcplan.predict.occupancy import Occupancy
 from mpcplan.road.road import Road
 from mpcplan.seed.blocked import Blocked, block
 from mpcplan.seed.lattice import Lattice, differ, lattice
-from mpcplan.seed.search import as_seed, search
+from mpcplan.seed.paths import Paths
+from mpcplan.seed.search import ACTUATOR_SHARE, as_seed, search
 from mpcplan.seed.seed import Seed, SeedReport
 from mpcplan.trajectory import Array
+from mpcplan.vehicle import FORD_ESCORT as CAR
 
 SEARCHED_PATHS = 3
 ROUNDING = 0.05  # m, on top of verification's margin: the search looks at samples of the path
@@ -68,8 +70,7 @@ def _searched(
     road: Road, grid: Lattice, blocked: Blocked, source: str, step: int, config: Config, dt: float
 ) -> tuple[list[Seed], SeedReport]:
     """Seeds of the speed search along a few paths with distinct targets."""
-    _, first = np.unique(np.round(grid.paths.target, 1), return_index=True)
-    wanted = sorted(int(i) for i in first)[:SEARCHED_PATHS]
+    wanted = _paths_to_search(grid.paths, grid.motion.v, config.seed)
     seeds = []
     for path in wanted:
         v, a = grid.motion.v, grid.motion.a
@@ -78,6 +79,21 @@ def _searched(
             seeds.append(as_seed(road, grid.paths, path, a, found, source, step, dt))
     reaching = sum(seed.reaches_goal for seed in seeds)
     return seeds, SeedReport(source, len(wanted), len(seeds), reaching)
+
+
+def _paths_to_search(paths: Paths, v: float, config: SeedConfig) -> list[int]:
+    """For the first targets one path each: the first that can be driven at the present speed [m/s],
+    else the gentlest."""
+    bend = np.abs(paths.kappa).max(axis=1) * v**2 / (ACTUATOR_SHARE * CAR.a_max)
+    steering = np.abs(paths.delta_slope).max(axis=1) * v
+    demand = np.maximum(bend, steering / (CAR.v_delta_max + config.steering_slack))
+    targets, first = np.unique(np.round(paths.target, 1), return_index=True)
+    wanted = []
+    for target in targets[np.argsort(first)][:SEARCHED_PATHS]:
+        there = np.flatnonzero(np.round(paths.target, 1) == target)
+        drivable = there[demand[there] <= 1.0]
+        wanted.append(int(drivable[0] if len(drivable) else there[demand[there].argmin()]))
+    return wanted
 
 
 def distinct(seeds: list[Seed], count: int) -> list[Seed]:

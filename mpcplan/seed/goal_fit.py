@@ -17,8 +17,7 @@ def pose_fits(goal: GoalWindow, road: Road, paths: Paths) -> Array:
     if goal.s is not None and goal.d is not None:
         centre_s = paths.s + CAR.rear_to_centre * np.cos(paths.mu)
         centre_d = paths.d + CAR.rear_to_centre * np.sin(paths.mu)
-        fits &= (centre_s >= goal.s[0]) & (centre_s <= goal.s[1])
-        fits &= (centre_d >= goal.d[0]) & (centre_d <= goal.d[1])
+        fits &= goal.holds(centre_s, centre_d)
     if goal.psi is not None:
         heading = road.frame.heading(paths.s) + paths.mu
         middle, half = (goal.psi[0] + goal.psi[1]) / 2, (goal.psi[1] - goal.psi[0]) / 2

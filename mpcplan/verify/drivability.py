@@ -60,7 +60,7 @@ PASSED = Finding(True)
 
 def verify(
     trajectory: Trajectory, forecast: Forecast, area: shapely.Geometry, config: VerifyConfig,
-    tail: int | None = None,
+    tail: int | None = None, behind: Array | None = None,
 ) -> Finding:  # fmt: skip
     """The first of the checks that a trajectory fails, or :data:`PASSED`.
 
@@ -71,13 +71,14 @@ def verify(
         config: margins and tolerances.
         tail: time step after which it is a contingency that a later plan will most likely replace:
             there the body may be ``config.tail_road`` off the road; None: nowhere.
+        behind: (o,) obstacles that stay behind by themselves in the tail; None: no one.
     """
     allowed = np.zeros(len(trajectory))
     if tail is not None:
         allowed[trajectory.steps > tail] = config.tail_road
     for finding in (
         check_kinematics(trajectory, config.position_tolerance),
-        check_collision(trajectory, forecast, config.margin),
+        check_collision(trajectory, forecast, config.margin, tail, behind),
         check_road(trajectory, area, allowed),
     ):
         if not finding.ok:
@@ -105,13 +106,19 @@ def check_kinematics(trajectory: Trajectory, tolerance: float) -> Finding:
     return PASSED
 
 
-def check_collision(trajectory: Trajectory, forecast: Forecast, margin: float) -> Finding:
-    """No overlap with any predicted rectangle from the second state on.
+def check_collision(
+    trajectory: Trajectory, forecast: Forecast, margin: float, tail: int | None = None,
+    behind: Array | None = None,
+) -> Finding:  # fmt: skip
+    """No overlap with any predicted rectangle from the second state on; after the time step
+    ``tail`` those (o,) that are ``behind`` do not count.
 
     The margin shrinks to what the first state leaves of it: a start close to another car is no
     reason to refuse every plan, touching it is.
     """
     boxes = forecast.at(trajectory.steps)
+    if tail is not None and behind is not None:
+        boxes[behind[:, None] & (trajectory.steps > tail)] = np.nan
     gap = separation(trajectory.states, boxes)
     with np.errstate(invalid="ignore"):
         present = np.nan_to_num(gap[:, 0], nan=np.inf)

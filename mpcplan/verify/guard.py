@@ -3,7 +3,8 @@
 A plan is safe when it, followed by a fail-safe tail (braking to a standstill along the lane),
 passes verification. Where the others' motion is recorded, that is asked of the whole plan. Where
 it is a guess, the plan is verified as far as the guess is good, and the tail begins there; such a
-tail, made anew in every cycle and hardly ever driven, may cut the road's edge a little. Should
+tail, made anew in every cycle and hardly ever driven, may cut the road's edge a little, and who
+follows the vehicle by then is expected to stay behind it. Should
 no plan pass, one that can still be broken off safely after the next replanning interval may be
 driven that long; after that only braking is left.
 """
@@ -12,6 +13,7 @@ from mpcplan.config import Config
 from mpcplan.observation import Forecast
 from mpcplan.road.road import Road
 from mpcplan.trajectory import Array, Trajectory
+from mpcplan.verify.behind import follows
 from mpcplan.verify.drivability import Finding, verify
 from mpcplan.verify.failsafe import braking_along, braking_tail
 
@@ -56,7 +58,11 @@ class Guard:
             near, braking = trajectory.until(step), self._config.braking
             tail = braking_along(road, trajectory, step, braking, self._dt)
             trajectory = near.then(tail if tail is not None else self.tail(road, near))
-        return verify(trajectory, forecast, road.area, self._config, step)
+        behind = None
+        if step < trajectory.last_step:
+            state = trajectory.states[step - trajectory.first_step]
+            behind = follows(state, step, forecast, self._config.follower_braking)
+        return verify(trajectory, forecast, road.area, self._config, step, behind)
 
     def emergency(
         self, road: Road, state: Array, step: int, forecast: Forecast

@@ -1,0 +1,38 @@
+"""Who follows the vehicle at the moment at which a plan would be broken off.
+
+A fail-safe tail brakes hard, and a forecast that was made with one motion of the ego vehicle lets
+those behind it drive on into it. Who is behind in the vehicle's own way by then, and could brake in
+time without a collision as the vehicle is then, is expected to do that:
+
+    (v_follower - v)^2 <= 2 b gap    where it is faster.
+"""
+
+import numpy as np
+
+from mpcplan.observation import Box, Forecast
+from mpcplan.trajectory import Array, State
+from mpcplan.vehicle import FORD_ESCORT as CAR
+from mpcplan.vehicle import centres
+
+ALIGNED = 0.5  # rad, within which a vehicle drives the same way
+
+
+def follows(state: Array, step: int, forecast: Forecast, braking: float) -> Array:
+    """(o,) who follows the vehicle at a time step and can stay behind it.
+
+    Args:
+        state: (5,) of the vehicle then, columns :class:`State`.
+        step: the time step.
+        forecast: of the others.
+        braking: deceleration b that is expected of them [m/s^2].
+    """
+    boxes = forecast.at(np.array([step]))[:, 0]
+    psi = float(state[State.PSI])
+    to = boxes[:, [Box.X, Box.Y]] - centres(state[None])[0]
+    along = to @ np.array([np.cos(psi), np.sin(psi)])
+    across = np.abs(to @ np.array([-np.sin(psi), np.cos(psi)]))
+    turn = np.abs((boxes[:, Box.PSI] - psi + np.pi) % (2 * np.pi) - np.pi)
+    gap = -along - (CAR.length + boxes[:, Box.LENGTH]) / 2
+    closing = np.maximum(boxes[:, Box.V] - state[State.V], 0.0)
+    found: Array = (turn < ALIGNED) & (across < (CAR.width + boxes[:, Box.WIDTH]) / 2)
+    return found & (gap > 0) & (closing**2 <= 2 * braking * gap)  # False where there is no box
