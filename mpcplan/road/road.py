@@ -33,6 +33,7 @@ class Road:
         area: the whole drivable area.
         first_step: time step at the start.
         start: arc length of the rear axle at the start [m].
+        dt: time step [s].
     """
 
     route: Route
@@ -42,6 +43,7 @@ class Road:
     area: shapely.Geometry
     first_step: int = 0
     start: float = 0.0
+    dt: float = 0.1
 
     @property
     def last_step(self) -> int:
@@ -53,7 +55,8 @@ class Road:
         position is not left to the last moment.
 
         It leads at a constant speed from the start to the goal, where it arrives early: whoever
-        falls behind it early depends on everything going well later.
+        falls behind it early depends on everything going well later. A goal that asks for a speed
+        leaves no time to wait: nothing is due from where even the lowest speed would lead past it.
 
         Args:
             step: present time step.
@@ -72,6 +75,9 @@ class Road:
             duration = max((1 - share) * (goal.last - self.first_step), 1.0)
             passed = np.clip((steps - self.first_step) / duration, 0.0, 1.0)
             due = np.minimum(due, self.start + (low - self.start) * passed)
+            if goal.v is not None and goal.v[0] > 0:
+                early = goal.v[0] * self.dt * np.maximum(goal.first - steps, 0)
+                due = np.minimum(due, low - early)
         return due
 
 
@@ -103,7 +109,9 @@ def build_roads(
             limits = build_limits(scenario, area, frame, config)
             first_step = int(problem.initial_state.time_step)
             rear = begin - CAR.rear_to_centre
-            roads.append(Road(route, frame, limits, goals, area, first_step, rear))
+            roads.append(
+                Road(route, frame, limits, goals, area, first_step, rear, float(scenario.dt))
+            )
         else:
             reasons.append(f"{route.lanelets}: its path does not meet the goal region ahead")
     if not roads:
