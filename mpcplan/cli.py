@@ -273,10 +273,13 @@ def _write(run: "Run", folder: Path) -> tuple[list[Path], "Judgement | None"]:
 
 def _report(run: "Run", judgement: "Judgement | None") -> str:
     """The verdict, the goal, the cost and the planning times in a few lines."""
+    from mpcplan.road.passable import fault_of
     from mpcplan.score.verdict import verdict_lines
 
     verdict = judgement.verdict if judgement is not None else None
     lines = [f"{'note':<10}{note}" for note in run.notes]
+    if verdict is None or not verdict.valid:
+        lines += [f"{'scenario':<10}{fault}" for fault in (fault_of(run.loaded),) if fault]
     lines += [_goal_line(drive, run.loaded.dt) for drive in run.drives]
     lines += verdict_lines(verdict) if verdict is not None else []
     if judgement is not None and judgement.late is not None:

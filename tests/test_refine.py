@@ -4,9 +4,12 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 
 import casadi as ca
+import made
 import numpy as np
 import pytest
 import reference_ocp as ref
+from commonroad.common.util import Interval
+from commonroad.geometry.shape import Rectangle
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference_ocp import DT, Reference, Track, frame_of, occupancy_of, road_of, state_at, straight
@@ -23,8 +26,10 @@ from mpcplan.refine.reading import Iterate
 from mpcplan.refine.refine import refine
 from mpcplan.refine.sqp import SqpResult, solve
 from mpcplan.refine.stage import CURVATURE, N_GIVEN, SLACK_OF_ROW
-from mpcplan.road.goal import GoalWindow
-from mpcplan.road.road import Road
+from mpcplan.road.goal import GoalWindow, is_reached
+from mpcplan.road.road import Road, build_roads
+from mpcplan.scenario import load
+from mpcplan.seed.candidates import Effort, find_seeds
 from mpcplan.seed.cost import evaluated_jerk
 from mpcplan.seed.lattice import lattice
 from mpcplan.seed.paths import BODY_POINTS, frenet_pose
@@ -58,6 +63,28 @@ def with_cost(config: Config, **changes: object) -> Config:
 ACCURATE = with_refine(
     Config(), fresh_iterations=60, fresh_backend="piqp", gain=0.0, tolerance=1e-5
 )
+
+
+@pytest.mark.parametrize(
+    ("size", "turn", "x", "y"),
+    [((6, 1.2), 0.8, 50, 2.2), ((6, 1.2), -0.8, 50, 2.2), ((10, 1.0), 0.3, 45, 1.75)],
+)
+def test_seeds_that_reach_a_goal_at_an_angle_reach_it_refined(tmp_path, size, turn, x, y):
+    """One rectangle in (s, d) is no such region: the refinement would end beside it."""
+    goal = made.goal(Rectangle(*size, made.at(x, y), turn), end=40)
+    goal.time_step = Interval(40, 40)
+    start = made.state(10, made.LANE / 2, 10)
+    loaded = load(made.write(tmp_path, made.problem(9, start, goal), obstacles=[]))
+    problem, config, reaching = loaded.problems[0], Config(), 0
+    for road in build_roads(loaded.scenario, problem.planning_problem, config.road):
+        nobody = occupancy_of(road.frame, 60)
+        seeds, _ = find_seeds(road, problem.start, 0.0, 0, nobody, config, DT, Effort.IF_NEEDED)
+        for seed in seeds:
+            if seed.reaches_goal:
+                plan = refine(seed, problem.start, 0.0, nobody, config, DT, True).trajectory
+                assert is_reached(problem.planning_problem, plan.states[-1], plan.last_step)
+                reaching += 1
+    assert reaching >= 2
 
 
 def keeping_seed(road: Road, state: Array, n: int, a: float = 0.0) -> Seed:

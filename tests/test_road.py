@@ -1,5 +1,6 @@
 """Roads of the bundled scenarios and of roads made by hand: routes, path, limits, goal windows."""
 
+import re
 from functools import cache
 from pathlib import Path
 
@@ -11,6 +12,8 @@ from commonroad.common.util import AngleInterval, Interval
 from commonroad.geometry.shape import Circle, Polygon, Rectangle, ShapeGroup
 from commonroad.planning.goal import GoalRegion
 from commonroad.planning.planning_problem import PlanningProblem
+from commonroad.scenario.lanelet import LaneletNetwork
+from commonroad.scenario.scenario import Scenario, ScenarioID
 from commonroad.scenario.state import CustomState, InitialState
 from reference_ocp import frame_of, straight
 
@@ -18,6 +21,7 @@ from mpcplan.config import RoadConfig
 from mpcplan.errors import RoadError
 from mpcplan.road.goal import goal_windows, is_reached, region_of
 from mpcplan.road.limits import drivable_area
+from mpcplan.road.passable import fault, fault_of
 from mpcplan.road.reference import drop_repeated, resample, smooth
 from mpcplan.road.road import Road, build_roads
 from mpcplan.road.route import find_routes, goal_lanelets, start_lanelets
@@ -441,6 +445,79 @@ def test_a_goal_of_lanelets_that_cross_themselves_has_an_area() -> None:
     assert area == pytest.approx(17.5)  # 16, and what reaches beyond of the left triangle
 
 
+@pytest.mark.parametrize("turn", [-0.8, 0.0, 0.3, 1.5])
+def test_the_region_is_known_as_it_is_along_a_bend(turn):
+    frame = frame_of(lambda s: np.full_like(s, 0.02), 120.0)
+    shape = Rectangle(7.0, 2.0, frame.to_cartesian(np.array(60.0), np.array(1.5)), turn)
+    state = CustomState(time_step=Interval(9, 9), position=shape)
+    window = goal_windows(problem_of(state), frame, 20.0, 50)[0]
+    s, d = np.meshgrid(np.linspace(50, 70, 161), np.linspace(-6, 7, 131))
+    held = window.holds(s, d)
+    points = shapely.points(frame.to_cartesian(s, d))
+    depth = np.where(shapely.contains(shape.shapely_object, points), 1, -1) * shapely.distance(
+        points, shape.shapely_object.exterior
+    )
+    assert not held[depth < -1e-3].any()
+    assert held[depth > 0.2].all()
+    assert held.any()
+
+
+@pytest.mark.parametrize("turn", [-0.8, 0.3])
+def test_the_window_around_a_centre_holds_it_and_nothing_beside_the_region(turn):
+    shape = Rectangle(7.0, 2.0, np.array([60.0, 1.5]), turn)
+    window = window_of(position=shape)
+    for along in (-3.0, 0.0, 3.0):  # on the region's axis, as far as near its ends
+        centre = shape.center + along * np.array([np.cos(turn), np.sin(turn)])
+        near = window.around(*centre)
+        assert near.s[0] - 0.1 <= centre[0] <= near.s[1] + 0.1
+        assert near.d[0] - 0.1 <= centre[1] <= near.d[1] + 0.1
+        s, d = np.meshgrid(np.linspace(*near.s, 9), np.linspace(*near.d, 9))
+        inside = shapely.buffer(shape.shapely_object, 1e-3)
+        assert shapely.contains_xy(inside, s, d).all()
+        assert (near.s[1] - near.s[0]) * (near.d[1] - near.d[0]) > 0.5
+    assert window.around(60.0, 9.0) is window
+
+
+# -- whether there is a solution at all ------------------------------------------------------------
+
+
+def road_with_gap(gap: float) -> Scenario:
+    """Two lanelets after each other, the second one ``gap`` metres further on."""
+    scenario = Scenario(0.1, ScenarioID.from_benchmark_id("ZAM_Gap-1_1_T-1", "2020a"))
+    lanelets = [
+        made.lanelet(1, 0.0, 0.0, successor=[3]),
+        made.lanelet(3, made.LENGTH + gap, 0.0, predecessor=[1]),
+    ]
+    scenario.add_objects(LaneletNetwork.create_from_lanelet_list(lanelets))
+    return scenario
+
+
+def from_to(start: InitialState, x: float) -> PlanningProblem:
+    """A problem with its goal around x [m]."""
+    return made.problem(4, start, made.rectangle_goal(x))
+
+
+def test_a_road_that_is_cut_has_no_solution_and_says_where():
+    start = made.state(10, made.LANE / 2, 10)
+    said = fault(road_with_gap(0.5), from_to(start, 150))
+    assert "no solution" in said and "cut" in said
+    x, y = (float(v) for v in re.findall(r"[xy] (-?[\d.]+) m", said))
+    assert (x, y) == pytest.approx(made.at(made.LENGTH + 0.25, made.LANE / 2), abs=1.5)
+    assert fault(road_with_gap(0.5), from_to(start, 60)) == ""  # before the cut
+    assert fault(road_with_gap(0.0), from_to(start, 150)) == ""
+    assert fault(road_with_gap(0.5), made.problem(4, start, made.goal())) == ""  # time alone
+
+
+def test_a_start_off_the_road_has_no_solution():
+    said = fault(road_with_gap(0.0), from_to(made.state(10, 0.5, 10), 60))
+    assert "no solution" in said and "start is off the road by 1." in said
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_bundled_scenarios_have_solutions(name):
+    assert fault_of(loaded(name)) == ""
+
+
 # -- timetable ------------------------------------------------------------------------------------
 
 
@@ -456,6 +533,18 @@ def test_the_timetable_leads_evenly_from_the_start_to_the_goal(tmp_path):
     assert due[30:] == pytest.approx(low)
     later = road.due(12, 28, 0.25)
     assert later == pytest.approx(due[12:])  # who falls behind is not given more time
+
+
+def test_nothing_is_due_so_early_that_the_least_speed_leads_past_the_goal(tmp_path):
+    goal = made.rectangle_goal(60)
+    goal.velocity = Interval(12, 15)
+    scenario = load(made.write(tmp_path, made.problem(1, made.state(10, 2, 14), goal)))
+    road = build_roads(scenario.scenario, scenario.problems[0].planning_problem, CONFIG)[0]
+    due, low = road.due(0, 40, 0.5), road.goals[0].s[0] - CAR.rear_to_centre
+    first = road.goals[0].first
+    assert due[20] <= low - 12 * 0.1 * (first - 20) + 1e-9  # else it would be there: half the time
+    assert due[first:] == pytest.approx(low)
+    assert (np.diff(due) >= 0).all()
 
 
 def test_nothing_is_due_without_a_position_or_a_reserve(tmp_path):

@@ -414,6 +414,24 @@ def test_seeds_that_reach_the_goal_end_in_its_window(goal, v_end):
     assert v_end[0] - 0.01 <= last[Stage.V] <= v_end[1] + 0.01
 
 
+@pytest.mark.parametrize(("v", "length"), [(4.0, 15.0), (18.0, 40.0)])
+def test_the_search_takes_paths_that_can_be_driven_at_the_present_speed(v, length):
+    """From one lane to the next within 15 m: not at 18 m/s."""
+    frame = frame_of(straight, 250.0)
+    road = road_of(frame, GoalWindow(40, 40, (52.0, 200.0), (-1.0, 1.0), None, None))
+    state = state_at(frame, 30.0, d=3.5, v=v)
+    seeds, reports = find_seeds(
+        road, state, 0.0, 0, occupancy_of(frame, 60), Config(), DT, Effort.ALWAYS
+    )
+    found = [seed for seed in seeds if seed.source == "search" and seed.states[-1, 0] > 45.0]
+    for seed in found:
+        s, d = seed.states[:, Stage.S], seed.states[:, Stage.D]
+        half = np.interp(-1.75, -d, s) - 30.0  # where it is half way over
+        assert half == pytest.approx(length / 2, abs=0.15 * length)
+    searched = next(report for report in reports if report.source == "search")
+    assert len(found) == searched.accepted == searched.candidates == 3
+
+
 def test_rejections_name_constraint_obstacle_and_count():
     frame = frame_of(straight, 250.0)
     road = road_of(frame, GoalWindow(30, 30, (75.0, 95.0), (-0.5, 0.5), None, None), left=1.75)

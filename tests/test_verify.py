@@ -12,7 +12,7 @@ from reference_ocp import DT, Track, forecast_of, frame_of, road_of, state_at, s
 from mpcplan.config import Config, VerifyConfig
 from mpcplan.observation import Box, Forecast, box_corners
 from mpcplan.trajectory import Input, State, Trajectory
-from mpcplan.vehicle import input_violations, rectangles, simulate
+from mpcplan.vehicle import FORD_ESCORT, input_violations, rectangles, simulate
 from mpcplan.verify.drivability import (
     check_collision,
     check_kinematics,
@@ -307,6 +307,30 @@ def test_a_plan_may_go_on_while_it_can_be_broken_off_at_the_next_cycle():
     assert not guard.verify(plan, ROAD, later, 0).ok
     assert guard.until_next(plan, ROAD, later, 0).ok
     assert not guard.until_next(plan, ROAD, wall(43.0), 0).ok
+
+
+@pytest.mark.parametrize(
+    ("behind", "aside", "v", "ok"),
+    [
+        (12.0, 0.0, 14.0, True),  # 7.7 m behind: 4 m/s less in time
+        (12.0, 0.0, 20.0, False),  # 10 m/s faster: too late to brake
+        (12.0, 3.0, 14.0, True),  # in another lane, and passes
+        (-9.0, 0.0, 0.0, False),  # it stands ahead, nearer than one can stop
+    ],
+)
+def test_who_follows_when_a_plan_is_broken_off_is_expected_to_stay_behind(behind, aside, v, ok):
+    """After 3 s at 10 m/s the tail begins at s = 60 m, where the others drive on as before."""
+    guard, plan = Guard(Config(), DT), straight_drive(v=10.0, steps=60)
+    s = 60.0 + FORD_ESCORT.rear_to_centre - behind - 3.0 * v
+    other = forecast_of(ROAD.frame, 90, Track(s, aside, v))
+    assert guard.verify(plan, ROAD, other, 0).ok is ok
+
+
+def test_who_is_behind_counts_until_the_tail_begins():
+    guard, plan = Guard(Config(), DT), straight_drive(v=10.0, steps=60)
+    rammed = forecast_of(ROAD.frame, 90, Track(20.0, 0.0, 14.0))  # in it within 2 s
+    finding = guard.verify(plan, ROAD, rammed, 0)
+    assert finding.check == "collision" and finding.step < 30
 
 
 def test_only_the_tail_may_cut_the_roads_edge_and_only_a_little():

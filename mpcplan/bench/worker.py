@@ -89,6 +89,10 @@ class Worker:
         self._keep_candidate(run, row)
         judgement = _judge(run, self._out / "solutions")
         row |= judgement_cells(run, judgement)
+        if not row["valid"]:
+            from mpcplan.road.passable import fault_of
+
+            row["cause"] = "; ".join(filter(None, (fault_of(loaded), str(row["cause"]))))
         if self._bound and judgement is not None and row["valid"]:
             # what ends the worker from here on costs the bound only
             self._write(row | {"bound_by": "no bound: not finished"})
