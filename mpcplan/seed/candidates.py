@@ -16,6 +16,7 @@ from mpcplan.trajectory import Array
 from mpcplan.vehicle import FORD_ESCORT as CAR
 
 SEARCHED_PATHS = 3
+COMFORTABLE = 3.0  # m/s^2, braking before what a path demands
 ROUNDING = 0.05  # m, on top of verification's margin: the search looks at samples of the path
 
 
@@ -82,11 +83,13 @@ def _searched(
 
 
 def _paths_to_search(paths: Paths, v: float, config: SeedConfig) -> list[int]:
-    """For the first targets one path each: the first that can be driven at the present speed [m/s],
-    else the gentlest."""
-    bend = np.abs(paths.kappa).max(axis=1) * v**2 / (ACTUATOR_SHARE * CAR.a_max)
-    steering = np.abs(paths.delta_slope).max(axis=1) * v
-    demand = np.maximum(bend, steering / (CAR.v_delta_max + config.steering_slack))
+    """For the first targets one path each: the first that can be driven from the present speed
+    [m/s] on, braking comfortably where it must, else the gentlest."""
+    sigma = paths.spacing * np.arange(paths.s.shape[1])
+    slowed = np.sqrt(np.maximum(v**2 - 2 * COMFORTABLE * sigma, 0.0))
+    bend = np.abs(paths.kappa) * slowed**2 / (ACTUATOR_SHARE * CAR.a_max)
+    steering = np.abs(paths.delta_slope) * slowed / (CAR.v_delta_max + config.steering_slack)
+    demand = np.maximum(bend, steering).max(axis=1)
     targets, first = np.unique(np.round(paths.target, 1), return_index=True)
     wanted = []
     for target in targets[np.argsort(first)][:SEARCHED_PATHS]:
