@@ -288,13 +288,13 @@ class VerifyConfig(Section):
     )
     margin: float = par(0.05, "m", "gap kept to every predicted rectangle", ge=0, le=1)
     braking: float = par(8.0, "m/s^2", "deceleration of the fail-safe tail", gt=1, le=11.5)
-    follower_braking: float = par(
-        4.5,
-        "m/s^2",
-        "where the others' motion is a guess, those who follow the vehicle when a fail-safe tail "
-        "begins are expected to brake by this",
-        gt=0,
-        le=11.5,
+    reaction: float = par(
+        0.3,
+        "s",
+        "where the others' motion is a guess, those who follow the vehicle at the safe distance "
+        "when a fail-safe tail begins are expected to brake after this time",
+        ge=0,
+        le=5,
     )
     tail_road: float = par(
         0.03,

@@ -1,10 +1,13 @@
 """Who follows the vehicle at the moment at which a plan would be broken off.
 
 A fail-safe tail brakes hard, and a forecast that was made with one motion of the ego vehicle lets
-those behind it drive on into it. Who is behind in the vehicle's own way by then, and could brake in
-time without a collision as the vehicle is then, is expected to do that:
+those behind it drive on into it. Who is behind in the vehicle's own way by then, no nearer than the
+safe distance, is expected to brake as hard after its reaction time delta:
 
-    (v_follower - v)^2 <= 2 b gap    where it is faster.
+    gap >= v_f delta + (v_f^2 - v^2) / (2 b)
+
+Source: the safe distance of rule R_G1, Maierhofer et al., Formalization of interstate traffic rules
+in temporal logic, IEEE IV 2020, with the same deceleration of both.
 """
 
 import numpy as np
@@ -17,14 +20,15 @@ from mpcplan.vehicle import centres
 ALIGNED = 0.5  # rad, within which a vehicle drives the same way
 
 
-def follows(state: Array, step: int, forecast: Forecast, braking: float) -> Array:
-    """(o,) who follows the vehicle at a time step and can stay behind it.
+def follows(state: Array, step: int, forecast: Forecast, braking: float, reaction: float) -> Array:
+    """(o,) who follows the vehicle at a time step at the safe distance.
 
     Args:
         state: (5,) of the vehicle then, columns :class:`State`.
         step: the time step.
         forecast: of the others.
-        braking: deceleration b that is expected of them [m/s^2].
+        braking: deceleration b of the vehicle and of them [m/s^2].
+        reaction: delta [s].
     """
     boxes = forecast.at(np.array([step]))[:, 0]
     psi = float(state[State.PSI])
@@ -33,6 +37,7 @@ def follows(state: Array, step: int, forecast: Forecast, braking: float) -> Arra
     across = np.abs(to @ np.array([-np.sin(psi), np.cos(psi)]))
     turn = np.abs((boxes[:, Box.PSI] - psi + np.pi) % (2 * np.pi) - np.pi)
     gap = -along - (CAR.length + boxes[:, Box.LENGTH]) / 2
-    closing = np.maximum(boxes[:, Box.V] - state[State.V], 0.0)
+    v, v_f = float(state[State.V]), boxes[:, Box.V]
+    safe = np.maximum(v_f * reaction + (v_f**2 - v**2) / (2 * braking), 0.0)
     found: Array = (turn < ALIGNED) & (across < (CAR.width + boxes[:, Box.WIDTH]) / 2)
-    return found & (gap > 0) & (closing**2 <= 2 * braking * gap)  # False where there is no box
+    return found & (gap > 0) & (gap >= safe)  # False where there is no box

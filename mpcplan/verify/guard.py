@@ -4,9 +4,9 @@ A plan is safe when it, followed by a fail-safe tail (braking to a standstill al
 passes verification. Where the others' motion is recorded, that is asked of the whole plan. Where
 it is a guess, the plan is verified as far as the guess is good, and the tail begins there; such a
 tail, made anew in every cycle and hardly ever driven, may cut the road's edge a little, and who
-follows the vehicle by then is expected to stay behind it. Should
-no plan pass, one that can still be broken off safely after the next replanning interval may be
-driven that long; after that only braking is left.
+follows the vehicle at a safe distance by then is expected to stay behind it. Should no plan pass,
+one that can still be broken off safely after the next replanning interval may be driven that long;
+after that only braking is left.
 """
 
 from mpcplan.config import Config
@@ -61,7 +61,8 @@ class Guard:
         behind = None
         if step < trajectory.last_step:
             state = trajectory.states[step - trajectory.first_step]
-            behind = follows(state, step, forecast, self._config.follower_braking)
+            config = self._config
+            behind = follows(state, step, forecast, config.braking, config.reaction)
         return verify(trajectory, forecast, road.area, self._config, step, behind)
 
     def emergency(
