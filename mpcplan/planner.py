@@ -8,6 +8,7 @@ plan; emergency braking along the lane. Each fall is in the plan's trace.
 """
 
 from dataclasses import replace
+from functools import partial
 
 from mpcplan.config import Config
 from mpcplan.cycle import Cycle
@@ -203,14 +204,19 @@ class Planner:
     def _fall_back(
         self, cycle: Cycle, refused: list[Option], reasons: list[str]
     ) -> tuple[Option, str]:
-        """What is driven where no plan passes: a plan that may be broken off later, or braking."""
-        seen, forecast = cycle.observation, cycle.forecast
+        """What is driven where no plan passes: one that may be broken off later, one that trusts
+        who follows, or braking."""
+        seen, forecast, guard = cycle.observation, cycle.forecast, self._guard
         if not forecast.exact:
-            for option in sorted(refused, key=lambda o: (not o.reaches_goal, o.cost)):
-                assert option.seed is not None  # only emergency braking has none
-                road = option.seed.road
-                if self._guard.until_next(option.trajectory, road, forecast, seen.step).ok:
-                    return option, _why("a plan that can still be broken off is driven", reasons)
+            best = sorted(refused, key=lambda o: (not o.reaches_goal, o.cost))
+            for what, passes in (
+                ("a plan that can still be broken off is driven", guard.until_next),
+                ("a plan that trusts who follows is driven", partial(guard.verify, trusting=True)),
+            ):
+                for option in best:
+                    assert option.seed is not None  # only emergency braking has none
+                    if passes(option.trajectory, option.seed.road, forecast, seen.step).ok:
+                        return option, _why(what, reasons)
         road = self._current_road
         trajectory, finding = self._guard.emergency(road, seen.state, seen.step, forecast)
         stop = Option(trajectory, None, float("inf"), False, finding, "emergency braking")

@@ -2,12 +2,12 @@
 
 Variables are measured in typical sizes and rows in those of what they bound (:mod:`.layout`), then
 every row in its largest entry, before a solver (:mod:`mpcplan.refine.backends`) sees them: without
-the latter OSQP's answers cost 5 % more over 30 steps, and half as much again over 100. When a plan goes on, OSQP's polished answer
-serves: the next cycle improves on it anyway. For a fresh seed an answer of ADMM's tolerance costs
-up to a fifth of the result (lane changes, measured against IPOPT); there an interior-point solver
-is the default, which is exact at a lower price. 'osqp then piqp' asks the second only where the
-first could not be polished. Only iterations are limited, never time, so that the same problem gives
-the same answer on every machine.
+the latter OSQP's answers cost 5 % more over 30 steps, and half as much again over 100. When a plan
+goes on, OSQP's polished answer serves: the next cycle improves on it anyway. For a fresh seed an
+answer of ADMM's tolerance costs up to a fifth of the result (lane changes, measured against IPOPT);
+there an interior-point solver is the default, which is exact at a lower price. 'osqp then piqp'
+asks the second only where the first could not be polished. Only iterations are limited, never time,
+so that the same problem gives the same answer on every machine.
 """
 
 import numpy as np

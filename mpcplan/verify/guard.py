@@ -3,10 +3,10 @@
 A plan is safe when it, followed by a fail-safe tail (braking to a standstill along the lane),
 passes verification. Where the others' motion is recorded, that is asked of the whole plan. Where
 it is a guess, the plan is verified as far as the guess is good, and the tail begins there; such a
-tail, made anew in every cycle and hardly ever driven, may cut the road's edge a little, and who
-follows the vehicle at a safe distance by then is expected to stay behind it. Should no plan pass,
-one that can still be broken off safely after the next replanning interval may be driven that long;
-after that only braking is left.
+tail, made anew in every cycle and hardly ever driven, may cut the road's edge a little. Should no
+plan pass, one that can still be broken off safely after the next replanning interval may be driven
+that long; else one that trusts those who follow the vehicle at a safe distance when the tail begins
+to stay behind it; after that only braking is left.
 """
 
 from mpcplan.config import Config
@@ -39,27 +39,33 @@ class Guard:
         state, step = trajectory.states[-1], trajectory.last_step
         return braking_tail(road, state, step, self._config.braking, self._dt)
 
-    def verify(self, trajectory: Trajectory, road: Road, forecast: Forecast, now: int) -> Finding:
-        """The finding on a plan that is to be driven from time step ``now`` on."""
+    def verify(
+        self, trajectory: Trajectory, road: Road, forecast: Forecast, now: int,
+        trusting: bool = False,
+    ) -> Finding:  # fmt: skip
+        """The finding on a plan that is to be driven from time step ``now`` on.
+
+        ``trusting``: who follows when the tail begins is expected to stay behind.
+        """
         if forecast.exact:
             return verify(trajectory, forecast, road.area, self._config)
-        return self._broken_off(trajectory, road, forecast, now + self.certain)
+        return self._broken_off(trajectory, road, forecast, now + self.certain, trusting)
 
     def until_next(
         self, trajectory: Trajectory, road: Road, forecast: Forecast, now: int
     ) -> Finding:
         """The finding on driving a plan until the next cycle, and braking from there."""
-        return self._broken_off(trajectory, road, forecast, now + self._interval)
+        return self._broken_off(trajectory, road, forecast, now + self._interval, False)
 
     def _broken_off(
-        self, trajectory: Trajectory, road: Road, forecast: Forecast, step: int
+        self, trajectory: Trajectory, road: Road, forecast: Forecast, step: int, trusting: bool
     ) -> Finding:
         if step < trajectory.last_step:
             near, braking = trajectory.until(step), self._config.braking
             tail = braking_along(road, trajectory, step, braking, self._dt)
             trajectory = near.then(tail if tail is not None else self.tail(road, near))
         behind = None
-        if step < trajectory.last_step:
+        if trusting and step < trajectory.last_step:
             state = trajectory.states[step - trajectory.first_step]
             config = self._config
             behind = follows(state, step, forecast, config.braking, config.reaction)
