@@ -420,6 +420,25 @@ def test_an_infeasible_problem_leaves_a_cause(tmp_path):
     assert driven.trajectory.states[-1, State.V] < 3.0
 
 
+@pytest.mark.parametrize(
+    ("gap", "v", "driven"),
+    [
+        (3.6, 10.0, "a plan that trusts who follows is driven"),
+        (2.0, 13.0, "no plan is safe to its end; the one safe longest is driven"),
+    ],
+)
+def test_before_braking_a_plan_is_driven_that_trusts_who_follows(tmp_path, gap, v, driven):
+    """A guess in which who follows never brakes runs into whatever the vehicle does."""
+    start = made.state(40, made.LANE / 2, 10)
+    follower = made.car(30, 40 - (FORD_ESCORT.length + 4.5) / 2 - gap, made.LANE / 2, v, steps=80)
+    goal = made.goal(Rectangle(10, 3, made.at(120, made.LANE / 2)), end=110)
+    path = made.write(tmp_path, made.problem(9, start, goal), obstacles=[follower])
+    guess = configured(predict={"kind": "constant_input", "horizon": 12.0, "reserve": 0.0})
+    plan = planned(load(path), guess)
+    assert plan.trace["fallback"].startswith(f"{driven}: ")
+    assert "collision with obstacle 30" in plan.trace["fallback"]
+
+
 def test_a_goal_out_of_reach_leaves_the_candidates_as_the_cause(tmp_path):
     """Nothing is in the way; the goal is 80 m ahead and due within 4 s."""
     start = made.state(10, made.LANE / 2, 5)
