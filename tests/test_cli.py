@@ -12,6 +12,8 @@ import pytest
 import straight_road as road
 
 from mpcplan import cli
+from mpcplan.cli import arguments
+from mpcplan.console import quiet
 
 ROOT = Path(__file__).resolve().parents[1]
 EASY = ROOT / "scenarios" / "ZAM_FreeRoad-1_1_T-1.xml"
@@ -122,7 +124,7 @@ def test_other_ends(monkeypatch, capsys, error, code, words):
     def fail(args):
         raise error
 
-    monkeypatch.setattr(cli, "_compare", fail)
+    monkeypatch.setattr(arguments, "compare", fail)
     assert cli.main(["compare", "a", "b"]) == code
     shown = capsys.readouterr()
     assert shown.out == "" and words in shown.err
@@ -144,7 +146,7 @@ def test_a_closed_pipe_is_no_error(tmp_path):
 
 
 def test_quiet_keeps_the_libraries_words_from_the_user(capfd):
-    with cli.quiet() as terminal:
+    with quiet() as terminal:
         os.write(1, b"noise")
         print("more noise", file=sys.stderr)
         terminal.write("ours\n")

@@ -13,7 +13,8 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 from packaging.version import Version
 
-from mpcplan import cli
+from mpcplan.cli.arguments import parser
+from mpcplan.cli.many import compete
 
 ROOT = Path(__file__).resolve().parents[1]
 PINS = sorted((ROOT / "requirements").glob("*.txt"))
@@ -72,8 +73,8 @@ def test_default_and_organisers_versions_are_pinned(image):
 
 def test_image_runs_the_competition_command(image):
     program, *arguments = image.command
-    args = cli._parser().parse_args(arguments)
-    assert program == "mpcplan" and args.run is cli._compete
+    args = parser().parse_args(arguments)
+    assert program == "mpcplan" and args.run is compete
     assert str(args.scenarios) == "/commonroad/scenarios"
     assert str(args.out) == "/commonroad/solutions"
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 import mpcplan
-from mpcplan import cli
 from mpcplan.bench.store import COLUMNS, STATUSES
+from mpcplan.cli.arguments import parser
 from mpcplan.config import Config
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -118,7 +118,7 @@ def test_anchors_within_a_document_exist(path):
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda p: str(p.relative_to(ROOT)))
 def test_commands_in_documents_are_understood(path):
     for call in _commands(path):
-        args = cli._parser().parse_args(call)
+        args = parser().parse_args(call)
         config = getattr(args, "config", None)
         assert config is None or (ROOT / config).is_file()
         scenario = getattr(args, "scenario", None)

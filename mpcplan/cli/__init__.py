@@ -15,8 +15,10 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from mpcplan.cli.arguments import parser
-from mpcplan.cli.common import BAD_INPUT, FAILED, INTERNAL, INTERRUPTED
+from mpcplan.cli.common import BAD_INPUT, FAILED, INTERNAL, INTERRUPTED, OK
 from mpcplan.errors import InputError, MpcplanError, RefereeError
+
+__all__ = ["BAD_INPUT", "FAILED", "INTERNAL", "INTERRUPTED", "OK", "entry", "main"]
 
 
 def entry() -> NoReturn:
