@@ -97,7 +97,7 @@ def test_a_plan_ends_in_the_goal_or_at_rest(name):
 
 
 def test_a_lane_change_that_can_wait_waits():
-    """Beside a car in the lane of the goal: behind it at once is dear, ahead of it later cheap."""
+    """Beside a car in the lane of the goal: where no move may begin later, it is a harder drive."""
     loaded = bundled("LaneChange")
     early = configured(seed={"delays": ()})
     now, later = (drive(loaded, config).drives[0] for config in (early, Config()))
@@ -109,7 +109,12 @@ def test_a_lane_change_that_can_wait_waits():
         way = state[[State.X, State.Y]] - start[[State.X, State.Y]]
         return abs(float(way @ [-np.sin(start[State.PSI]), np.cos(start[State.PSI])]))
 
-    assert aside(now.trajectory) > 1.0 > 0.2 > aside(later.trajectory)
+    def jerk(trajectory: Trajectory) -> float:
+        """Sum of the squared changes of the acceleration [m^2/s^4]."""
+        return float((np.diff(trajectory.inputs[:, 0]) ** 2).sum())
+
+    assert aside(later.trajectory) < 0.2
+    assert jerk(later.trajectory) < 0.5 * jerk(now.trajectory)
 
 
 def test_where_motion_is_a_guess_there_are_fewer_routes_and_no_delays():
