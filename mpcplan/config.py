@@ -191,6 +191,12 @@ class SeedConfig(Section):
     )
     slack_cost: float = par(30.0, "1/m, s/rad", "cost of either excess", ge=0, le=1e4)
     search: bool = par(True, "", "search speed profiles where the lattice finds no way to the goal")
+    shortest: bool = par(
+        True,
+        "",
+        "where the others' motion is recorded, the search also follows the shortest move to each "
+        "target where that cannot be driven at the present speed",
+    )
     search_steps: int = par(3, "time steps", "duration of one move of the search", ge=1, le=10)
     search_actions: tuple[float, ...] = par(
         (-9.0, -6.0, -3.0, -1.5, 0.0, 1.5, 3.0),

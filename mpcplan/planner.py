@@ -239,7 +239,7 @@ def _for_guesses(config: Config) -> Config:
     changes = {
         "cost": cost,
         "road": config.road.model_copy(update={"variants": variants}),
-        "seed": config.seed.model_copy(update={"delays": ()}),
+        "seed": config.seed.model_copy(update={"delays": (), "shortest": False}),
     }
     return config.model_copy(update=changes)
 

@@ -419,9 +419,9 @@ def test_the_search_takes_paths_that_can_be_driven_at_the_present_speed(v, lengt
     """From one lane to the next within 15 m: not at 18 m/s."""
     frame = frame_of(straight, 250.0)
     road = road_of(frame, GoalWindow(40, 40, (52.0, 200.0), (-1.0, 1.0), None, None))
-    state = state_at(frame, 30.0, d=3.5, v=v)
+    state, config = state_at(frame, 30.0, d=3.5, v=v), configured(seed={"shortest": False})
     seeds, reports = find_seeds(
-        road, state, 0.0, 0, occupancy_of(frame, 60), Config(), DT, Effort.ALWAYS
+        road, state, 0.0, 0, occupancy_of(frame, 60), config, DT, Effort.ALWAYS
     )
     found = [seed for seed in seeds if seed.source == "search" and seed.states[-1, 0] > 45.0]
     for seed in found:

@@ -84,7 +84,7 @@ def _searched(
 
 def _paths_to_search(paths: Paths, v: float, config: SeedConfig) -> list[int]:
     """For the first targets one path each: the first that can be driven from the present speed
-    [m/s] on, braking comfortably where it must, else the gentlest."""
+    [m/s] on, braking comfortably where it must, else the gentlest; if asked for, the first too."""
     sigma = paths.spacing * np.arange(paths.s.shape[1])
     slowed = np.sqrt(np.maximum(v**2 - 2 * COMFORTABLE * sigma, 0.0))
     bend = np.abs(paths.kappa) * slowed**2 / (ACTUATOR_SHARE * CAR.a_max)
@@ -95,7 +95,9 @@ def _paths_to_search(paths: Paths, v: float, config: SeedConfig) -> list[int]:
     for target in targets[np.argsort(first)][:SEARCHED_PATHS]:
         there = np.flatnonzero(np.round(paths.target, 1) == target)
         drivable = there[demand[there] <= 1.0]
-        wanted.append(int(drivable[0] if len(drivable) else there[demand[there].argmin()]))
+        chosen = drivable[0] if len(drivable) else there[demand[there].argmin()]
+        also = there[:1] if config.shortest else there[:0]
+        wanted += [int(path) for path in np.unique([*also, chosen])]
     return wanted
 
 
