@@ -4,7 +4,8 @@
     4. refine the best of them   5. verify                            6. fall back where needed
 
 Order of fallbacks: the refined seed; the seed itself, driven by feedback; what is left of the last
-plan; emergency braking along the lane. Each fall is in the plan's trace.
+plan; where the others' motion is a guess, a refused plan that can still be broken off later, or
+that trusts who follows; emergency braking along the lane. Each fall is in the plan's trace.
 """
 
 from dataclasses import replace

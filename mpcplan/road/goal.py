@@ -15,7 +15,7 @@ from commonroad.planning.planning_problem import PlanningProblem
 from commonroad.scenario.state import CustomState, TraceState
 
 from mpcplan.road.frame import Frame
-from mpcplan.road.goal_region import GoalRegion, goal_region
+from mpcplan.road.goal_region import GoalRegion, goal_region, run_around
 from mpcplan.trajectory import Array, State
 from mpcplan.vehicle import FORD_ESCORT
 
@@ -133,7 +133,7 @@ def _position_window(
     column = int(wide[np.argmin(np.abs(offsets[wide]))])
     low, high = runs[column]
     middle = (low + high) // 2
-    left, right = _run_around(inside[middle], column)
+    left, right = run_around(inside[middle], column)
     met, beside = np.flatnonzero(inside.any(axis=1)), np.flatnonzero(inside.any(axis=0))
     # the region may reach up to the next samples
     along = max(frame.s[met[0]] - frame.spacing, start), frame.s[met[-1]] + frame.spacing
@@ -151,16 +151,6 @@ def _longest_run(mask: Array) -> tuple[int, int]:
     starts, ends = edges[::2], edges[1::2] - 1
     best = int(np.argmax(ends - starts))
     return int(starts[best]), int(ends[best])
-
-
-def _run_around(mask: Array, index: int) -> tuple[int, int]:
-    """First and last index of the run of True around ``index``."""
-    low = high = index
-    while low > 0 and mask[low - 1]:
-        low -= 1
-    while high + 1 < len(mask) and mask[high + 1]:
-        high += 1
-    return low, high
 
 
 def _shrunk(low: float, high: float) -> tuple[float, float]:

@@ -53,7 +53,7 @@ class GoalRegion:
         if not inside[row, column]:
             return None
         low, high = _runs(inside, row)
-        left, right = _run(inside[row], column)
+        left, right = run_around(inside[row], column)
         # the run of s that all columns from the centre's to another one have in common
         low_left = np.maximum.accumulate(low[left : column + 1][::-1])[::-1]
         high_left = np.minimum.accumulate(high[left : column + 1][::-1])[::-1]
@@ -97,7 +97,7 @@ def _runs(inside: Array, row: int) -> tuple[Array, Array]:
     return before + 1, after - 1
 
 
-def _run(mask: Array, index: int) -> tuple[int, int]:
+def run_around(mask: Array, index: int) -> tuple[int, int]:
     """First and last index of the run of True around an index."""
     low = high = index
     while low > 0 and mask[low - 1]:
