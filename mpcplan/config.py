@@ -55,6 +55,9 @@ class CostConfig(Section):
     late: float = par(
         0.02, "1/(m^2 s)", "weight of the squared distance to a position that is due", ge=0, le=1e3
     )
+    haste: float = par(
+        0.0, "1/s", "cost of each second until all crossings with others are behind", ge=0, le=100
+    )
 
 
 class RoadConfig(Section):
@@ -98,6 +101,9 @@ class PredictConfig(Section):
     )
     reserve: float = par(
         0.25, "1", "cost.reserve is at least this where the others' motion is a guess", ge=0, le=0.9
+    )
+    haste: float = par(
+        1.5, "1/s", "cost.haste is at least this where the others' motion is a guess", ge=0, le=100
     )
     lane_horizon: float = par(8.0, "s", "length of lane_follow's prediction", ge=0.2, le=20)
     lane_history: int = par(

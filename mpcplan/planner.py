@@ -29,6 +29,7 @@ from mpcplan.verify.guard import Guard
 
 HOPEFUL = "hopeful"  # before the source of a plan that counts on the others' making way
 CLEARLY_LONGER = 5  # time steps
+RISEN = 2.0  # of cost, since the plan was decided on
 REASONS = 3  # told in a fallback
 WORTHWHILE = 0.97  # a new seed is refined beside the last plan if its cost is below this share
 
@@ -60,6 +61,7 @@ class Planner:
         self._guard = Guard(self.config, self.dt)
         self._developer = Developer(goal, self._guard, self.config, self.dt, watch)
         self._last: Option | None = None
+        self._decided = float("inf")  # what the last plan was expected to cost
         self._driven: tuple[Trajectory, Forecast] | None = None
         self._occupancies: dict[int, tuple[Forecast, Occupancy]] = {}
 
@@ -73,6 +75,8 @@ class Planner:
         if not options:
             cycle.notes.extend(words(report) for report in reports)
         chosen, fallback = self._choose(cycle, options, refusals)
+        if self._last is None or chosen.seed is None or not chosen.source.startswith(LAST_PLAN):
+            self._decided = chosen.cost
         self._last = chosen if chosen.seed is not None else None
         self._driven = chosen.trajectory, forecast
         trace = {
@@ -116,7 +120,8 @@ class Planner:
         goes_on = any(option.reaches_goal for option in options)
         if cycle.forecast.exact and any(o.reaches_goal and o.settled for o in options):
             return options, [], refused  # nothing new can be learnt, and nothing more be gained
-        seeds, reports = self._seeds(cycle, goes_on)
+        worse = goes_on and self._has_become_worse(cycle, options)
+        seeds, reports = self._seeds(cycle, goes_on, worse)
         if options:
             bar = WORTHWHILE * min(option.cost for option in options)
             seeds = [s for s in seeds if (s.reaches_goal or not goes_on) and s.cost < bar]
@@ -149,14 +154,28 @@ class Planner:
     def _current_road(self) -> Road:
         return self._last.seed.road if self._last and self._last.seed else self.roads[0]
 
-    def _seeds(self, cycle: Cycle, goes_on: bool) -> tuple[list[Seed], list[SeedReport]]:
+    def _has_become_worse(self, cycle: Cycle, options: list[Option]) -> bool:
+        """Whether a plan that was decided on turns out much dearer than it was, since the others
+        do not drive as they were guessed to: then it is time to look at all the ways again."""
+        now = min(option.cost for option in options)
+        if cycle.forecast.exact or now <= self._decided + RISEN:
+            self._decided = min(self._decided, now)
+            return False
+        self._decided = now
+        return True
+
+    def _seeds(
+        self, cycle: Cycle, goes_on: bool, worse: bool = False
+    ) -> tuple[list[Seed], list[SeedReport]]:
         """Seeds of the present road, and of the others where the last plan does not go on."""
         current, found = self._current_road, []
         roads = [current, *(road for road in self.roads if road is not current)]
         reports: list[SeedReport] = []
         for road in roads[: 1 if goes_on else None]:
             effort = Effort.ALWAYS if road is current else Effort.IF_NEEDED
-            seeds, told = self._seeds_of(cycle, road, Effort.NEVER if goes_on else effort)
+            if goes_on:
+                effort = Effort.PLAIN if worse else Effort.NEVER
+            seeds, told = self._seeds_of(cycle, road, effort)
             found += seeds
             reports += told
         found.sort(key=lambda seed: (not seed.reaches_goal, seed.cost))
@@ -235,7 +254,8 @@ def _for_guesses(config: Config) -> Config:
     what counts on their motion far ahead (later lane changes, further routes, the jerk at the
     drive's end) is not worth it."""
     reserve = max(config.cost.reserve, config.predict.reserve)
-    cost = config.cost.model_copy(update={"reserve": reserve, "edges": False})
+    haste = max(config.cost.haste, config.predict.haste)
+    cost = config.cost.model_copy(update={"reserve": reserve, "haste": haste, "edges": False})
     variants = min(config.road.variants, config.predict.variants)
     changes = {
         "cost": cost,

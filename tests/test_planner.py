@@ -15,9 +15,10 @@ from commonroad.common.solution import CommonRoadSolutionWriter
 from commonroad.geometry.shape import Rectangle
 from commonroad.scenario.obstacle import ObstacleType, StaticObstacle
 
+from mpcplan import planner as planner_module
 from mpcplan.config import Config
 from mpcplan.develop import KEPT
-from mpcplan.observation import Observation, Snapshot
+from mpcplan.observation import Box, Observation, Snapshot
 from mpcplan.plan import Plan
 from mpcplan.planner import Planner
 from mpcplan.predict.recorded import record
@@ -25,6 +26,7 @@ from mpcplan.refine.backends import Answer
 from mpcplan.refine.qp import QpSolver
 from mpcplan.road.goal import is_reached
 from mpcplan.scenario import LoadedScenario, load
+from mpcplan.seed.candidates import Effort
 from mpcplan.simulate.loop import HISTORY, drive
 from mpcplan.simulate.recorded import RecordedTraffic
 from mpcplan.simulate.run import Run
@@ -124,6 +126,34 @@ def test_where_motion_is_a_guess_there_are_fewer_routes_and_no_delays():
     assert known.config == Config()
     assert guessed.config.seed.delays == ()
     assert guessed.config.road.variants == Config().predict.variants
+
+
+def test_where_a_plan_has_become_much_dearer_all_ways_are_looked_at_again(monkeypatch):
+    """A guess that turns out wrong is a reason to decide anew, once; an exact forecast is none."""
+    efforts: list[Effort] = []
+    real = planner_module.find_seeds
+
+    def spied(*args: object) -> object:
+        efforts.append(args[-1])
+        return real(*args)
+
+    monkeypatch.setattr(planner_module, "find_seeds", spied)
+    loaded = bundled("Follow")
+    planner = Planner(task_of(loaded, loaded.problems[0]), BLIND)
+    seen = first_look(loaded)
+    plan, asked = planner.plan(seen), []
+    for step, nearer in ((3, 0.0), (6, 16.0), (9, 16.0)):  # the leader is where none was guessed
+        efforts.clear()
+        state, a = plan.trajectory.state_at(step), float(plan.trajectory.inputs[2, 0])
+        boxes = seen.now.boxes.copy()
+        way = boxes[:, Box.V] * step * planner.dt - nearer
+        boxes[:, Box.X] += way * np.cos(boxes[:, Box.PSI])
+        boxes[:, Box.Y] += way * np.sin(boxes[:, Box.PSI])
+        now = replace(seen.now, step=step, boxes=boxes)
+        plan = planner.plan(Observation(step, state, a, (now,)))
+        assert plan.reaches_goal
+        asked.append(list(efforts))
+    assert asked == [[Effort.NEVER], [Effort.PLAIN], [Effort.NEVER]]
 
 
 def test_a_new_plan_is_refined_the_whole_way_again():

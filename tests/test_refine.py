@@ -15,10 +15,11 @@ from hypothesis import strategies as st
 from reference_ocp import DT, Reference, Track, frame_of, occupancy_of, road_of, state_at, straight
 
 from mpcplan.config import Config
-from mpcplan.predict.occupancy import Occupancy
+from mpcplan.observation import Box, Forecast
+from mpcplan.predict.occupancy import Occupancy, occupancy
 from mpcplan.refine.backends import Answer
 from mpcplan.refine.compiled import compiled, functions
-from mpcplan.refine.corridor import build_corridor, different_asides
+from mpcplan.refine.corridor import YIELDED, build_corridor, different_asides
 from mpcplan.refine.layout import INPUT_SCALE, STATE_SCALE
 from mpcplan.refine.problem import SLACK_CURVATURE, Point, Problem
 from mpcplan.refine.qp import QpSolver
@@ -31,6 +32,7 @@ from mpcplan.road.road import Road, build_roads
 from mpcplan.scenario import load
 from mpcplan.seed.candidates import Effort, find_seeds
 from mpcplan.seed.cost import evaluated_jerk
+from mpcplan.seed.crossing import last_crossing
 from mpcplan.seed.lattice import lattice
 from mpcplan.seed.paths import BODY_POINTS, frenet_pose
 from mpcplan.seed.seed import Seed, Stage
@@ -335,6 +337,27 @@ def test_the_hessian_is_positive_semidefinite_and_matches_the_convex_terms():
         up, down = (end.objective for end in ends(problem, point, p))
         second = (up - 2 * point.objective + down) / 1e-6
         assert whole[column, column] == pytest.approx(second, rel=1e-2, abs=2e-5)
+
+
+def test_a_seed_in_haste_keeps_its_time_until_the_crossing_is_behind():
+    """Somebody crosses from the right; after that, and without haste, the refinement is free."""
+    frame = frame_of(straight, 150.0)
+    road = road_of(frame, window(30))
+    state = state_at(frame, 20.0, v=10.0)
+    seed = keeping_seed(road, state, 30)
+    t = DT * np.arange(61)
+    boxes = np.zeros((1, 61, len(Box)))
+    boxes[0][:, [Box.X, Box.Y]] = frame.to_cartesian(np.full(61, 40.0), -30.0 + 8.0 * t)
+    boxes[0][:, [Box.PSI, Box.V, Box.LENGTH, Box.WIDTH]] = np.pi / 2, 8.0, 4.5, 1.8
+    around = occupancy(Forecast(0, (10,), boxes), frame)
+    config = Config()
+    hurried = config.model_copy(update={"cost": config.cost.model_copy(update={"haste": 1.0})})
+    free, timed = (build_corridor(seed, around, c).s_min for c in (config, hurried))
+    before = seed.states[:, Stage.S] < last_crossing(around, 0, 20.0)
+    assert 5 < before.sum() < len(before) - 5
+    assert np.all(timed[before] == seed.states[before, Stage.S] - YIELDED)
+    assert np.array_equal(timed[~before], free[~before])
+    assert np.all(free < 0)
 
 
 def test_who_is_just_aside_counts_as_ahead_only_by_the_wider_distance():

@@ -27,7 +27,8 @@ from mpcplan.road.goal import GoalWindow
 from mpcplan.road.road import Road
 from mpcplan.seed.blocked import block
 from mpcplan.seed.candidates import Effort, find_seeds
-from mpcplan.seed.cost import EDGE, evaluated_jerk
+from mpcplan.seed.cost import EDGE, evaluated_jerk, trajectory_cost
+from mpcplan.seed.crossing import last_crossing
 from mpcplan.seed.lattice import lattice
 from mpcplan.seed.paths import Paths, frenet_pose, sample_paths
 from mpcplan.seed.polynomials import evaluate, quartic, quintic
@@ -168,6 +169,24 @@ def test_paths_lead_around_a_slow_obstacle_and_back():
     assert len(fewer.s) < len(paths.s)
 
 
+@pytest.mark.parametrize(("stands", "more"), [(10, 4), (50, 0)])
+def test_who_is_going_to_stand_in_the_way_is_passed_where_it_will(stands, more):
+    """At first it drives; 1.5 s of the 6 s that are seen is long enough to be in the way."""
+    road = straight_road()
+    moving = Track(60.0, -1.0, 9.0)
+
+    window = occupancy_of(road.frame, 60, moving)
+    window.v[:, stands:] = 0.0
+    free = paths_on(road, state_at(road.frame, 30.0), 90.0)
+    paths = paths_on(road, state_at(road.frame, 30.0), 90.0, window=window)
+    assert paths.passing.sum() in ({3, 4} if more else {0})
+    assert len(paths.s) - len(free.s) == paths.passing.sum()
+    at = float(window.s[0, stands])
+    for p in np.flatnonzero(paths.passing):
+        d = np.interp(at, paths.s[p], paths.d[p])
+        assert not -1.0 - 0.9 - 0.8 < d < -1.0 + 0.9 + 0.8
+
+
 def test_road_excess_measures_how_far_the_body_sticks_out():
     road = straight_road(left=1.75, right=-1.75)
     config = SeedConfig(offsets=(0.0, 0.5, 1.2), lengths=(15.0,))
@@ -290,6 +309,61 @@ def test_long_obstacles_in_a_bend_are_seen_whole(turn):
         assert blocked[p, 0, overlap].all()
 
 
+@pytest.mark.parametrize("seed", range(12))
+def test_in_a_bend_turned_bodies_block_just_where_they_come_near(seed):
+    """Against polygons in the plane: a junction's turn, others at any angle to it."""
+    rng = np.random.default_rng(seed)
+    frame = frame_of(lambda s: np.clip((s - 10) / 10, 0, 1) / 8 * (s < 25), 60.0)
+    road = road_of(frame, right=-6.0, left=6.0)
+    other = Track(rng.uniform(12, 24), rng.uniform(-4, 3), 0.0, rng.uniform(0.5, 2.6))
+    forecast = forecast_of(frame, 1, other)
+    config = SeedConfig(offsets=(0.0, 0.6), lengths=(15.0,))
+    paths = paths_on(road, state_at(frame, 4.0), 30.0, config=config)
+    blocked = block(occupancy(forecast, frame), paths, config, Config().cost).owner >= 0
+    body = shapely.polygons(box_corners(forecast.boxes[0, 0]))
+    margin = np.hypot(config.margin_lon, config.margin_lat)
+    for p in range(len(paths.s)):
+        xy = frame.to_cartesian(paths.s[p], paths.d[p])
+        psi = frame.heading(paths.s[p]) + paths.mu[p]
+        states = np.column_stack([xy, np.zeros(len(xy)), np.zeros(len(xy)), psi])
+        gap = shapely.distance(shapely.polygons(rectangles(states)), body)
+        assert blocked[p, 0, gap == 0].all()
+        bent = np.abs(paths.swing[p]) > 0.02
+        assert not blocked[p, 0, bent & (gap > margin)].any()
+
+
+def straight_across(s: float, d: float, v: float, turn: float) -> Occupancy:
+    """Somebody who drives straight on at an angle [rad] to a straight road, for 6 s."""
+    frame, t = straight_road().frame, DT * np.arange(61)
+    boxes = np.empty((1, 61, len(Box)))
+    along, aside = s + v * t * np.cos(turn), d + v * t * np.sin(turn)
+    boxes[0][:, [Box.X, Box.Y]] = frame.to_cartesian(along, aside)
+    boxes[0][:, [Box.PSI, Box.V, Box.LENGTH, Box.WIDTH]] = turn, v, 4.5, 1.8
+    return occupancy(Forecast(0, (10,), boxes), frame)
+
+
+RIGHT, LEFT = np.pi / 2, -np.pi / 2
+
+
+@pytest.mark.parametrize(
+    ("other", "there"),
+    [
+        ((60.0, 0.0, 5.0, 0.0), False),  # a leader
+        ((60.0, -20.0, 8.0, RIGHT), True),  # from the right, straight across
+        ((60.0, 20.0, 8.0, LEFT), True),
+        ((10.0, -20.0, 8.0, RIGHT), False),  # behind
+        ((60.0, -20.0, 0.5, RIGHT), False),  # will not come so far
+        ((60.0, -0.5, 8.0, RIGHT), False),  # is on the path already
+        ((60.0, -4.0, 8.0, 0.15), False),  # changes lanes
+    ],
+)
+def test_a_crossing_is_ahead_where_others_will_enter_the_path_at_an_angle(other, there):
+    clear = last_crossing(straight_across(*other), 0, 30.0)
+    assert np.isfinite(clear) == there
+    if there:
+        assert clear == pytest.approx(60.0 + 0.9 + FORD_ESCORT.rear, abs=0.2)
+
+
 def test_owners_are_rows_of_the_occupancy():
     road = straight_road()
     window = occupancy_of(road.frame, 3, Track(50.0, 0.0, 0.0), Track(75.0, 0.0, 0.0))
@@ -383,6 +457,39 @@ def test_each_part_of_the_cost_is_that_of_a_direct_loop(part):
         if part != "speeding":
             expected += direct_cost(seed, "speeding", window, speed)
         assert seed.cost == pytest.approx(expected, rel=0.1, abs=0.02)
+
+
+def test_in_haste_each_second_before_the_last_crossing_costs():
+    """It crosses at 40 m: some candidates go before it, some after."""
+    hurried = configured(cost={"haste": 1.5}, seed=WITHOUT_PENALTIES)
+    calm = configured(seed=WITHOUT_PENALTIES)
+    window = straight_across(60.0, -20.0, 10.0, RIGHT)
+    road = straight_road(GoalWindow(40, 60, (65.0, 200.0), None, None, None))
+    state = state_at(road.frame, 30.0, v=10.0)
+    clear, most_waiting = last_crossing(window, 0, 30.0), []
+    for config in (hurried, calm):
+        seeds = lattice(road, state, 0.0, 0, window, config, DT).seeds
+        assert len(seeds) > 3
+        waiting = [DT * float((seed.states[1:, Stage.S] < clear).sum()) for seed in seeds]
+        most_waiting.append(waiting[0])
+        for seed, seconds in zip(seeds, waiting, strict=True):
+            costs = [
+                trajectory_cost(seed.road, seed.states, 0, True, window, c, DT)
+                for c in (hurried, calm)
+            ]
+            assert costs[0] - costs[1] == pytest.approx(1.5 * seconds)
+    assert most_waiting[0] < most_waiting[1]
+
+
+def test_the_search_also_leads_around_who_stands_in_the_way():
+    """Four metres wide, it leaves room on one side only."""
+    frame = frame_of(straight, 250.0)
+    road = road_of(frame, GoalWindow(60, 80, (80.0, 200.0), (-6.0, 6.0), None, None), left=6.0)
+    around = occupancy_of(frame, 90, Track(55.0, 0.0, 0.0))
+    state = state_at(frame, 30.0, v=5.0)
+    seeds, _ = find_seeds(road, state, 0.0, 0, around, configured(), DT, Effort.ALWAYS)
+    found = [seed for seed in seeds if seed.source == "search" and seed.reaches_goal]
+    assert any(np.interp(55.0, s.states[:, Stage.S], s.states[:, Stage.D]) > 1.8 for s in found)
 
 
 def test_seeds_come_cheapest_first_and_differ():

@@ -26,6 +26,7 @@ class Occupancy:
         v: speed along the path [m/s].
         turn: heading relative to the path [rad].
         length, width: of the rectangle [m].
+        x, y, psi: centre [m] and heading [rad] in the plane.
         held: (o,) obstacles that keep their place before and after what is predicted.
     """
 
@@ -41,6 +42,9 @@ class Occupancy:
     turn: Array
     length: Array
     width: Array
+    x: Array
+    y: Array
+    psi: Array
     held: Array | None = None
 
     def window(self, first: int, count: int) -> "Occupancy":
@@ -102,7 +106,8 @@ def _project(boxes: Array, s: Array, d: Array, frame: Frame) -> tuple[Array, ...
         bent |= np.abs(frame.curvature(s + shift)) > STRAIGHT
     extents[:, bent] = _outline_extents(boxes[bent], s[bent], frame)
     along = boxes[:, Box.V] * np.cos(turn)
-    return (s, d, *extents, along, turn, boxes[:, Box.LENGTH], boxes[:, Box.WIDTH])
+    kept = (boxes[:, c] for c in (Box.LENGTH, Box.WIDTH, Box.X, Box.Y, Box.PSI))
+    return (s, d, *extents, along, turn, *kept)
 
 
 def _outline_extents(boxes: Array, s: Array, frame: Frame) -> Array:

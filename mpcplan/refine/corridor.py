@@ -11,6 +11,7 @@ import numpy as np
 
 from mpcplan.config import Config
 from mpcplan.predict.occupancy import Occupancy
+from mpcplan.seed.crossing import last_crossing
 from mpcplan.seed.seed import Seed, Stage
 from mpcplan.trajectory import Array
 from mpcplan.vehicle import FORD_ESCORT as CAR
@@ -18,6 +19,7 @@ from mpcplan.vehicle import FORD_ESCORT as CAR
 LON_SCALE = 4.0  # m, a longitudinal gap of this weighs as much as
 LAT_SCALE = 1.0  # m, a lateral one of this when the axis is chosen
 SPARE = 0.03  # m, kept on top of verification's margin, or left of the seed's own gap
+YIELDED = 1.0  # m, that the refinement may fall behind a seed which is in haste
 FAR = 1e3  # m, no bound
 
 
@@ -77,6 +79,10 @@ def build_corridor(
     d_max = nearest(window.d_low[near] - half - lat_margin, chosen & ~by_lon & to_left)
     d_min = -nearest(-(window.d_high[near] + half + lat_margin), chosen & ~by_lon & ~to_left)
     s_max = np.minimum(s_max, seed.road.limits.end - CAR.front)
+    if config.cost.haste:  # when to pass a crossing is the seed's decision
+        clear = last_crossing(occupancy, seed.first_step, float(s[0]))
+        timed = np.where(s < clear, np.minimum(s, s_max) - YIELDED, -FAR)
+        s_min = np.maximum(s_min, timed)
     lead = _lead(seed, window, near, config, config.refine.asides[0] if aside is None else aside)
     return Corridor(s_min, s_max, d_min, d_max, lead, slant)
 

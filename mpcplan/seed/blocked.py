@@ -12,10 +12,12 @@ import numpy as np
 
 from mpcplan.config import CostConfig, SeedConfig
 from mpcplan.predict.occupancy import Occupancy
+from mpcplan.seed.crossing import last_crossing
 from mpcplan.seed.paths import Paths
 from mpcplan.trajectory import Array
 from mpcplan.vehicle import FORD_ESCORT as CAR
 
+BENT = 0.02  # m, of swing: in bends bodies are compared in the plane
 ALIGNED = 0.15  # |sin 2 turn| below which a rectangle's extents in s and d describe it well
 PRESENT_GAP_SHARE = 0.1  # m, a gap that is short already may shrink by this much
 LEAD_REACH = 100.0  # m, the evaluator's box around the vehicle
@@ -25,11 +27,13 @@ LEAD_REACH = 100.0  # m, the evaluator's box around the vehicle
 class Blocked:
     """Grids over (path, time step, sample of sigma); see the module.
 
-    ``owner`` holds the row of the obstacle that blocks (-1: none).
+    ``owner`` holds the row of the obstacle that blocks (-1: none), ``clear`` the arc length [m]
+    at which all crossings are behind (-inf: none is ahead).
     """
 
     owner: Array
     lead: Array
+    clear: float
 
 
 def block(occupancy: Occupancy, paths: Paths, config: SeedConfig, cost: CostConfig) -> Blocked:
@@ -43,7 +47,8 @@ def block(occupancy: Occupancy, paths: Paths, config: SeedConfig, cost: CostConf
     for path in range(p):
         _mark(owner[path], occupancy, rows, steps, margins, paths, path, config)
         lead[path] = _lead(occupancy, paths, path, cost)
-    return Blocked(owner, lead)
+    clear = last_crossing(occupancy, occupancy.first_step, float(paths.s[0, 0]))
+    return Blocked(owner, lead, clear)
 
 
 def _relevant(occupancy: Occupancy, paths: Paths) -> tuple[Array, Array]:
@@ -68,10 +73,11 @@ def _mark(
     config: SeedConfig,
 ) -> None:
     """Enters obstacles (rows at steps) into the grid (k, n) of one path."""
-    s, d, mu = paths.s[path], paths.d[path], paths.mu[path]
+    s, d, mu, swing = paths.s[path], paths.d[path], paths.mu[path], paths.swing[path]
     front, rear = d + CAR.front * np.sin(mu), d - CAR.rear * np.sin(mu)
     half = CAR.width / 2 + config.margin_lat
-    d_max, d_min = np.maximum(front, rear) + half, np.minimum(front, rear) - half
+    d_max = np.maximum(np.maximum(front, front - swing), rear) + half
+    d_min = np.minimum(np.minimum(front, front - swing), rear) - half
     beside = occupancy.d_low[rows, steps] < d_max.max()
     beside &= occupancy.d_high[rows, steps] > d_min.min()
     rows, steps = rows[beside], steps[beside]
@@ -89,12 +95,15 @@ def _mark(
     hit &= d_min[at] < occupancy.d_high[rows, steps, None]
     pair, column = np.nonzero(hit)
     owner_of = rows[pair]
-    # for a turned rectangle the extents in s and d overlap long before the bodies do
-    turned = np.flatnonzero(np.abs(np.sin(2 * occupancy.turn[rows, steps]))[pair] > ALIGNED)
-    where = at[pair[turned], column[turned]]
+    # of turned rectangles, and in bends, the extents in s and d overlap long before the bodies do
+    where = at[pair, column]
+    turned = (np.abs(np.sin(2 * occupancy.turn[rows, steps])) > ALIGNED)[pair]
+    turned = np.flatnonzero(turned | (np.abs(swing[where]) > BENT))
+    at_turned = where[turned]
+    pose = paths.x[path, at_turned], paths.y[path, at_turned], paths.psi[path, at_turned]
     free = ~_touch(
-        (s[where], d[where], mu[where]), occupancy, rows[pair[turned]], steps[pair[turned]],
-        lon[pair[turned]], config.margin_lat,
+        pose, occupancy, rows[pair[turned]], steps[pair[turned]], lon[pair[turned]],
+        config.margin_lat,
     )  # fmt: skip
     hit_by = np.ones(len(pair), bool)
     hit_by[turned[free]] = False
@@ -106,20 +115,17 @@ def _touch(
     pose: tuple[Array, Array, Array], occupancy: Occupancy, rows: Array, steps: Array,
     lon: Array, lat: float,
 ) -> Array:  # fmt: skip
-    """Whether bodies at poses (s, d, mu) overlap turned rectangles: separating axes.
-
-    The extents in s and d have overlapped already; what remains are the axes of the two bodies.
-    """
-    s, d, mu = pose
-    turn = occupancy.turn[rows, steps]
-    ds = occupancy.s[rows, steps] - s - CAR.rear_to_centre * np.cos(mu)
-    dd = occupancy.d[rows, steps] - d - CAR.rear_to_centre * np.sin(mu)
+    """Whether bodies with their rear axles at poses overlap rectangles: separating axes."""
+    x, y, psi = pose
+    turn = occupancy.psi[rows, steps]
+    dx = occupancy.x[rows, steps] - x - CAR.rear_to_centre * np.cos(psi)
+    dy = occupancy.y[rows, steps] - y - CAR.rear_to_centre * np.sin(psi)
     ego = (CAR.length / 2 + lon, CAR.width / 2 + lat)
     other = (occupancy.length[rows, steps] / 2, occupancy.width[rows, steps] / 2)
-    apart = np.zeros(len(s), bool)
-    for axis in (mu, mu + np.pi / 2, turn, turn + np.pi / 2):
-        gap = np.abs(ds * np.cos(axis) + dd * np.sin(axis))
-        reach = ego[0] * np.abs(np.cos(mu - axis)) + ego[1] * np.abs(np.sin(mu - axis))
+    apart = np.zeros(len(psi), bool)
+    for axis in (psi, psi + np.pi / 2, turn, turn + np.pi / 2):
+        gap = np.abs(dx * np.cos(axis) + dy * np.sin(axis))
+        reach = ego[0] * np.abs(np.cos(psi - axis)) + ego[1] * np.abs(np.sin(psi - axis))
         reach += other[0] * np.abs(np.cos(turn - axis)) + other[1] * np.abs(np.sin(turn - axis))
         apart |= gap > reach
     return ~apart

@@ -84,21 +84,25 @@ def _searched(
 
 def _paths_to_search(paths: Paths, v: float, config: SeedConfig) -> list[int]:
     """For the first targets one path each: the first that can be driven from the present speed
-    [m/s] on, braking comfortably where it must, else the gentlest; if asked for, the first too."""
+    [m/s] on, braking comfortably where it must, else the gentlest; if asked for, the first too.
+    Besides all that lead around slow obstacles."""
     sigma = paths.spacing * np.arange(paths.s.shape[1])
     slowed = np.sqrt(np.maximum(v**2 - 2 * COMFORTABLE * sigma, 0.0))
     bend = np.abs(paths.kappa) * slowed**2 / (ACTUATOR_SHARE * CAR.a_max)
     steering = np.abs(paths.delta_slope) * slowed / (CAR.v_delta_max + config.steering_slack)
     demand = np.maximum(bend, steering).max(axis=1)
-    targets, first = np.unique(np.round(paths.target, 1), return_index=True)
+    plain = np.flatnonzero(~paths.passing)
+    targets, first = np.unique(np.round(paths.target[plain], 1), return_index=True)
     wanted = []
     for target in targets[np.argsort(first)][:SEARCHED_PATHS]:
-        there = np.flatnonzero(np.round(paths.target, 1) == target)
+        there = plain[np.round(paths.target[plain], 1) == target]
         drivable = there[demand[there] <= 1.0]
         chosen = drivable[0] if len(drivable) else there[demand[there].argmin()]
         also = there[:1] if config.shortest else there[:0]
         wanted += [int(path) for path in np.unique([*also, chosen])]
-    return wanted
+    road = paths.road_excess.max(axis=1) <= config.road_slack
+    passing = np.flatnonzero(paths.passing & (demand <= 1.0) & road)
+    return wanted + [int(path) for path in passing]
 
 
 def distinct(seeds: list[Seed], count: int) -> list[Seed]:

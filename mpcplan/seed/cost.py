@@ -1,11 +1,12 @@
 """The cost of a trajectory as it is driven: TR1 up to its end, and what it lacks of the goal.
 
     J = dt sum_k  w_J j_k^2 + w_SR w_k^2 + w_D exp(-c (gap_k - r)) + w_LC e_k^2 + w_v over_k^2
-                + w_T late_k^2
+                + w_T late_k^2 + w_H [s_k < s_clear]
 
 with gap_k the distance of the centres to the nearest obstacle ahead whose centre lies within 2.8 m
 laterally at step k, as the evaluator counts it, e_k the offset of the body's centre from its lane,
-over_k what is driven above the speed limit, and late_k what lacks of a position that is due. All
+over_k what is driven above the speed limit, late_k what lacks of a position that is due, and
+s_clear where all crossings are behind (:mod:`mpcplan.seed.crossing`). All
 options of a planning cycle are compared by this one number, wherever they come from.
 
 The evaluated jerk is not that of the inputs: positions along the lane are smoothed by a filter of
@@ -25,6 +26,7 @@ from scipy.signal import savgol_filter
 from mpcplan.config import Config
 from mpcplan.predict.occupancy import Occupancy
 from mpcplan.road.road import Road
+from mpcplan.seed.crossing import last_crossing
 from mpcplan.seed.goal_fit import miss_distance
 from mpcplan.seed.seed import Stage
 from mpcplan.trajectory import Array
@@ -61,6 +63,9 @@ def trajectory_cost(
     due = road.due(first_step, len(after), cost.reserve)[1:]
     late = np.maximum(due - after[:, Stage.S], 0.0)
     rate = rate + config.refine.speeding * over**2 + cost.late * late**2
+    if cost.haste:
+        clear = last_crossing(occupancy, first_step, float(states[0, Stage.S]))
+        rate = rate + cost.haste * (after[:, Stage.S] < clear)
     total = dt * float(rate.sum())
     if reaches_goal or not len(after):
         return total

@@ -19,13 +19,13 @@ import numpy as np
 from mpcplan.config import SeedConfig
 from mpcplan.predict.occupancy import Occupancy
 from mpcplan.road.road import Road
+from mpcplan.seed.passing import around_slow
 from mpcplan.seed.polynomials import evaluate, quintic
 from mpcplan.trajectory import Array
 from mpcplan.vehicle import FORD_ESCORT as CAR
 
 MIN_STRETCH = 0.2  # smallest 1 - kappa_r d of a path
 ELSEWHERE = 1.0  # m, beside the present offset: a move to there leads to another lane
-PASSING_SPEED = 8.0  # m/s, at which slow obstacles are passed when their way is foreseen
 BODY_POINTS = tuple(float(x) for x in np.linspace(-CAR.rear, CAR.front, 4))  # m ahead of the axle
 
 
@@ -45,23 +45,30 @@ class Paths:
 
     Attributes:
         spacing: step of sigma [m].
-        s, d, mu: Frenet coordinates of the rear axle [m, m, rad].
+        s, d, mu: Frenet coordinates of the rear axle [m, m, rad]; x, y, psi: in the plane.
+        swing: by how much [m] the reference turns aside from the body's front, to the left.
         kappa: curvature [1/m]; delta: steering angle [rad]; delta_slope: d delta/d sigma [rad/m].
         road_excess: how far the body sticks out of the drivable area up to here [m], at least 0.
         target: (p,) end offset [m].
         stretch: (p,) least 1 - kappa_r d along each path, at most 1.
+        passing: (p,) whether it leads around a slow obstacle and back.
     """
 
     spacing: float
     s: Array
     d: Array
     mu: Array
+    x: Array
+    y: Array
+    psi: Array
+    swing: Array
     kappa: Array
     delta: Array
     delta_slope: Array
     road_excess: Array
     target: Array
     stretch: Array
+    passing: Array
 
 
 def frenet_pose(road: Road, state: Array) -> FrenetPose:
@@ -75,13 +82,14 @@ def frenet_pose(road: Road, state: Array) -> FrenetPose:
 @dataclass(frozen=True, eq=False)
 class _Moves:
     """Lateral moves, all (p,): to ``first`` over ``length``, and back to ``second`` from ``back``
-    on over ``back_length`` (back = inf: never)."""
+    on over ``back_length`` (back = inf: never); ``passing``: around a slow obstacle."""
 
     first: Array
     length: Array
     second: Array
     back: Array
     back_length: Array
+    passing: Array
 
 
 def sample_paths(
@@ -95,8 +103,7 @@ def sample_paths(
     spacing = road.frame.spacing
     ds = np.arange(0.0, reach + spacing, spacing)
     d, d1, d2 = _offsets(road, pose, moves, ds)
-    target = np.where(np.isfinite(moves.back), moves.second, moves.first)
-    return _geometry(road, pose, ds, d, d1, d2, target)
+    return _geometry(road, pose, ds, d, d1, d2, moves)
 
 
 def _moves(road: Road, pose: FrenetPose, window: Occupancy, config: SeedConfig) -> _Moves:
@@ -122,34 +129,10 @@ def _moves(road: Road, pose: FrenetPose, window: Occupancy, config: SeedConfig) 
         for delay in config.delays
         for length in config.lengths
     ]
-    rows += _around(road, pose, window, config)
-    return _Moves(*np.array(rows).T)
-
-
-def _around(
-    road: Road, pose: FrenetPose, window: Occupancy, config: SeedConfig
-) -> list[tuple[float, float, float, float, float]]:
-    """Moves out and back around the nearest standing or slow obstacles on the path."""
-    rows: list[tuple[float, float, float, float, float]] = []
-    half = CAR.width / 2 + config.pass_gap
-    present = np.isfinite(window.s[:, 0]) & (window.s_low[:, 0] > pose.s + CAR.front)
-    on_path = (window.d_low[:, 0] < half) & (window.d_high[:, 0] > -half)
-    slow = np.abs(window.v[:, 0]) < config.pass_speed
-    found = np.flatnonzero(present & on_path & slow)
-    for row in found[np.argsort(window.s[found, 0])][: config.passed]:
-        ahead = float(window.s_low[row, 0] - pose.s - CAR.front)
-        v = max(float(window.v[row, 0]), 0.0)
-        out = float(np.clip(ahead + v * ahead / PASSING_SPEED - 2.0, 8.0, config.lengths[-1]))
-        extent = float(window.s_high[row, 0] - window.s_low[row, 0])
-        beside = extent + CAR.length + 4.0
-        back = ahead + beside + v * (ahead + beside) / PASSING_SPEED
-        sides = (window.d_high[row, 0] + half, window.d_low[row, 0] - half)
-        lane = road.limits.lane_left, road.limits.lane_right
-        at = int(np.clip(np.searchsorted(road.frame.s, pose.s + ahead), 0, len(road.frame.s) - 1))
-        for offset in (*sides, lane[0][at], lane[1][at]):
-            if np.isfinite(offset):
-                rows.append((float(offset), out, 0.0, max(back, out), config.lengths[0] + 5.0))
-    return rows
+    around = around_slow(road, pose.s, window, config)
+    passing = np.arange(len(rows) + len(around)) >= len(rows)
+    first, length, second, back, back_length = np.array(rows + around).T
+    return _Moves(first, length, second, back, back_length, passing)
 
 
 def _offsets(road: Road, pose: FrenetPose, moves: _Moves, ds: Array) -> tuple[Array, Array, Array]:
@@ -175,7 +158,7 @@ def _offsets(road: Road, pose: FrenetPose, moves: _Moves, ds: Array) -> tuple[Ar
 
 
 def _geometry(
-    road: Road, pose: FrenetPose, ds: Array, d: Array, d1: Array, d2: Array, target: Array
+    road: Road, pose: FrenetPose, ds: Array, d: Array, d1: Array, d2: Array, moves: _Moves
 ) -> Paths:
     """Heading, curvature and steering of d(s), resampled over the path's own arc length."""
     s = pose.s + ds
@@ -198,7 +181,14 @@ def _geometry(
     least = np.minimum(stretch.min(axis=1), 1.0)
     delta_slope = np.gradient(delta, spacing, axis=1)
     excess = np.maximum.accumulate(_road_excess(road, even, d, mu), axis=1)
-    return Paths(spacing, even, d, mu, kappa, delta, delta_slope, excess, target, least)
+    target = np.where(np.isfinite(moves.back), moves.second, moves.first)
+    plane = road.frame.to_cartesian(even.ravel(), d.ravel()).reshape(*even.shape, 2)
+    psi = road.frame.heading(even) + mu
+    swing = road.frame.curvature(even) * (CAR.front * np.cos(mu)) ** 2 / 2
+    return Paths(
+        spacing, even, d, mu, plane[..., 0], plane[..., 1], psi, swing, kappa, delta, delta_slope,
+        excess, target, least, moves.passing,
+    )  # fmt: skip
 
 
 def _road_excess(road: Road, s: Array, d: Array, mu: Array) -> Array:

@@ -134,7 +134,8 @@ def tables_of(
         paths.delta_slope[path],
         np.abs(paths.kappa[path]),
         np.interp(paths.s[path], road.frame.s, road.limits.speed),
-        cost.late * np.maximum(due[:, None] - paths.s[path], 0.0) ** 2,
+        cost.late * np.maximum(due[:, None] - paths.s[path], 0.0) ** 2
+        + cost.haste * (paths.s[path] < blocked.clear),
         np.empty((0, len(blocked.owner[path])), int) if passed is None else passed,
     )
 
