@@ -54,12 +54,14 @@ class Planner:
         config = config or Config()
         known = task.recorded is not None and config.predict.kind in ("auto", "recorded")
         self.config = config if known else _for_guesses(config)
+        self._calm = _without_haste(self.config)
         self.problem, self.dt = task.problem, task.dt
         goal = task.problem.planning_problem
         self.roads = build_roads(task.road_map, goal, self.config.road)
         self._predict = make_predictor(task, self.config.predict)
         self._guard = Guard(self.config, self.dt)
         self._developer = Developer(goal, self._guard, self.config, self.dt, watch)
+        self._calm_developer = Developer(goal, self._guard, self._calm, self.dt, watch)
         self._last: Option | None = None
         self._decided = float("inf")  # what the last plan was expected to cost
         self._driven: tuple[Trajectory, Forecast] | None = None
@@ -130,8 +132,16 @@ class Planner:
         if goes_on or not any(option.reaches_goal for option in options):
             for seed in distinct(seeds, 1 if goes_on else self.config.seed.finalists):
                 self._developer.develop(cycle, seed, options, refused)
+        if not options and self._calm is not self.config:
+            self._take_time(cycle, options, refused)
         options.sort(key=lambda option: (not option.reaches_goal, option.cost))
         return options, reports, refused
+
+    def _take_time(self, cycle: Cycle, options: list[Option], refused: list[Option]) -> None:
+        """Adds plans that are not in haste, where none passes that is."""
+        seeds, _ = self._seeds_of(cycle, self._current_road, Effort.ALWAYS, self._calm)
+        for seed in distinct(seeds, self.config.seed.finalists):
+            self._calm_developer.develop(cycle, seed, options, refused)
 
     def _hope(self, cycle: Cycle, options: list[Option], refused: list[Option]) -> None:
         """Adds plans to the goal that count on the others' making way later than is verified.
@@ -182,14 +192,15 @@ class Planner:
         return found, merged(reports)
 
     def _seeds_of(
-        self, cycle: Cycle, road: Road, effort: Effort
+        self, cycle: Cycle, road: Road, effort: Effort, config: Config | None = None
     ) -> tuple[list[Seed], list[SeedReport]]:
-        """Seeds of one road."""
+        """Seeds of one road, with the planner's configuration or another one."""
         seen, around = cycle.observation, cycle.around(road)
         with cycle.clock("seed"):
             return find_seeds(
-                road, seen.state, seen.acceleration, seen.step, around, self.config, self.dt, effort
-            )
+                road, seen.state, seen.acceleration, seen.step, around, config or self.config,
+                self.dt, effort,
+            )  # fmt: skip
 
     def _continue(self, cycle: Cycle) -> tuple[Seed, Trajectory, bool] | None:
         """What is left of the last plan, as a seed and as it was, and whether it has settled."""
@@ -263,6 +274,13 @@ def _for_guesses(config: Config) -> Config:
         "seed": config.seed.model_copy(update={"delays": (), "shortest": False}),
     }
     return config.model_copy(update=changes)
+
+
+def _without_haste(config: Config) -> Config:
+    """The same configuration without haste; itself where there is none."""
+    if not config.cost.haste:
+        return config
+    return config.model_copy(update={"cost": config.cost.model_copy(update={"haste": 0.0})})
 
 
 def _why(what: str, reasons: list[str]) -> str:

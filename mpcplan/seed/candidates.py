@@ -46,11 +46,17 @@ def find_seeds(
     always = effort in (Effort.ALWAYS, Effort.PLAIN)
     asked = always or (effort is Effort.IF_NEEDED and not reached)
     if config.seed.search and asked:
-        found, report = _searched(road, grid, grid.blocked, "search", step, config, dt)
+        plain, passing = _paths_to_search(grid.paths, grid.motion.v, config.seed)
+        found, report = _searched(road, grid, grid.blocked, plain, "search", step, config, dt)
         seeds, reports = seeds + found, [*reports, report]
         if effort is not Effort.PLAIN and not any(seed.reaches_goal for seed in seeds):
             near = block(grid.window, grid.paths, _tight(config), config.cost)
-            found, report = _searched(road, grid, near, "tight search", step, config, dt)
+            found, report = _searched(road, grid, near, plain, "tight search", step, config, dt)
+            seeds, reports = seeds + found, [*reports, report]
+        if passing and not any(seed.reaches_goal for seed in seeds):
+            found, report = _searched(
+                road, grid, grid.blocked, passing, "search around", step, config, dt
+            )
             seeds, reports = seeds + found, [*reports, report]
     seeds.sort(key=lambda seed: (not seed.reaches_goal, seed.cost))
     return seeds, reports
@@ -68,10 +74,10 @@ def _tight(config: Config) -> SeedConfig:
 
 
 def _searched(
-    road: Road, grid: Lattice, blocked: Blocked, source: str, step: int, config: Config, dt: float
-) -> tuple[list[Seed], SeedReport]:
-    """Seeds of the speed search along a few paths with distinct targets."""
-    wanted = _paths_to_search(grid.paths, grid.motion.v, config.seed)
+    road: Road, grid: Lattice, blocked: Blocked, wanted: list[int], source: str, step: int,
+    config: Config, dt: float,
+) -> tuple[list[Seed], SeedReport]:  # fmt: skip
+    """Seeds of the speed search along a few paths."""
     seeds = []
     for path in wanted:
         v, a = grid.motion.v, grid.motion.a
@@ -82,10 +88,11 @@ def _searched(
     return seeds, SeedReport(source, len(wanted), len(seeds), reaching)
 
 
-def _paths_to_search(paths: Paths, v: float, config: SeedConfig) -> list[int]:
-    """For the first targets one path each: the first that can be driven from the present speed
-    [m/s] on, braking comfortably where it must, else the gentlest; if asked for, the first too.
-    Besides all that lead around slow obstacles."""
+def _paths_to_search(paths: Paths, v: float, config: SeedConfig) -> tuple[list[int], list[int]]:
+    """The paths along which speeds are searched, and those that lead around slow obstacles.
+
+    For the first targets one path each: the first that can be driven from the present speed
+    [m/s] on, braking comfortably where it must, else the gentlest; if asked for, the first too."""
     sigma = paths.spacing * np.arange(paths.s.shape[1])
     slowed = np.sqrt(np.maximum(v**2 - 2 * COMFORTABLE * sigma, 0.0))
     bend = np.abs(paths.kappa) * slowed**2 / (ACTUATOR_SHARE * CAR.a_max)
@@ -102,7 +109,7 @@ def _paths_to_search(paths: Paths, v: float, config: SeedConfig) -> list[int]:
         wanted += [int(path) for path in np.unique([*also, chosen])]
     road = paths.road_excess.max(axis=1) <= config.road_slack
     passing = np.flatnonzero(paths.passing & (demand <= 1.0) & road)
-    return wanted + [int(path) for path in passing]
+    return wanted, passing.tolist()
 
 
 def distinct(seeds: list[Seed], count: int) -> list[Seed]:
