@@ -1,0 +1,33 @@
+"""How a run kept the traffic rules, by what the vehicle saw."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from mpcplan.observation import as_forecast
+from mpcplan.predict.recorded import static_ids
+from mpcplan.rules.judge import KEEPING, RulesDriven, judge_rules
+
+if TYPE_CHECKING:
+    from mpcplan.simulate.run import Run
+
+
+def rules_of(run: "Run") -> tuple[RulesDriven, ...]:
+    """How each drive of a run kept the rules; the others are those that were there, recorded or
+    simulated with it.
+
+    Raises:
+        RoadError: no route leads from a start.
+    """
+    standing = static_ids(run.loaded.scenario)
+    road_map, config, found = run.loaded.scenario, run.config, []
+    for problem, drive in zip(run.loaded.problems, run.drives, strict=True):
+        task, driven, others = problem.planning_problem, drive.trajectory, as_forecast(drive.others)
+        parked = np.array([number in standing for number in others.ids], bool)
+        found.append(judge_rules(road_map, task, driven, others, parked, config))
+    return tuple(found)
+
+
+def worst_kept(rules: tuple[RulesDriven, ...]) -> str:
+    """How the worst drive kept R_G1, '' where there is none."""
+    return max((drive.kept for drive in rules), key=KEEPING.index, default="")
