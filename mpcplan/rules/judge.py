@@ -18,16 +18,13 @@ from mpcplan.road.reference import build_frame
 from mpcplan.road.route import find_routes
 from mpcplan.road.strips import build_strips
 from mpcplan.rules.formulas import monitored
+from mpcplan.rules.keeping import keeping
 from mpcplan.rules.predicates import ego_bodies, other_bodies
 from mpcplan.rules.robustness import recovery_steps, signals
 from mpcplan.trajectory import Array, State, Trajectory
 from mpcplan.vehicle import centres
 
 AHEAD = 100.0  # m, of the path beyond what was driven: those further ahead demand nothing
-KEPT, REGAINED, NOT_REGAINED, VIOLATED = "kept", "regained", "not regained", "violated"
-KEEPING = (KEPT, REGAINED, NOT_REGAINED, VIOLATED)
-"""Whether a rule was kept, the best first: at every time step; violated at the start, but kept from
-within t_c on; violated at the start and then not so; kept at the start and violated later."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +59,7 @@ class RulesDriven:
     Attributes:
         safe_distance: R_G1 towards all others [m].
         traffic_flow: R_G4 [m/s].
-        kept: of R_G1, one of :data:`KEEPING`.
+        kept: of R_G1, one of :data:`mpcplan.rules.keeping.KEEPING`.
     """
 
     safe_distance: Robustness
@@ -122,16 +119,3 @@ def _followed(
     if best is None:
         raise RoadError(f"no path along any route: {'; '.join(reasons)}")
     return best
-
-
-def keeping(values: Array, recovery: int) -> str:
-    """Which of :data:`KEEPING` (k,) values of a rule's robustness are.
-
-    ``recovery``: time steps in which a rule that is violated at the start is to be kept again.
-    """
-    bad = values < 0
-    if not bad.any():
-        return KEPT
-    if not bad[0]:
-        return VIOLATED
-    return NOT_REGAINED if bad[min(recovery, len(bad) - 1) :].any() else REGAINED

@@ -104,7 +104,8 @@ def robustness(
         rules: the rules' parameters.
         dt: time step [s].
     """
-    found = signals(strips, ego, others, parked, rules)
+    ever = predicates.occupied(strips, others).max(axis=(0, 2), initial=-np.inf) >= rules.overlap
+    found = signals(strips, ego, others.pick(ever), parked[ever], rules)
     distance = safe_distance_rule(found, recovery_steps(rules, dt))
     return distance.min(axis=1, initial=np.inf), traffic_flow_rule(found)
 

@@ -30,19 +30,24 @@ STRIPS = (
 def draw_strips(strips: list[Axes], run: Run, traffic: Traffic) -> None:
     """Draws the strips named in :data:`STRIPS` for every drive."""
     for axes, label in zip(strips, STRIPS, strict=True):
-        axes.set_ylabel(label, fontsize=8)
-        axes.grid(color="#e4e4e4", lw=0.6)
-        axes.set_axisbelow(True)
-        cell = axes.get_subplotspec()
-        bottom = cell is not None and cell.is_last_row()
-        axes.tick_params(labelsize=8, labelbottom=bottom)
-        axes.set_xlabel("time [s]" if bottom else "", fontsize=8)
+        prepare_strip(axes, label)
     for index, drive in enumerate(run.drives):
         _draw_drive(strips, drive, traffic, colours.of_problem(index))
     _set_scales(strips)
     _draw_limits(strips, run)
     for problem in run.loaded.problems:
         _mark_goal_time(strips, problem, run.loaded.dt)
+
+
+def prepare_strip(axes: Axes, label: str) -> None:
+    """Names a strip; only the lowest have words below the time axis."""
+    axes.set_ylabel(label, fontsize=8)
+    axes.grid(color="#e4e4e4", lw=0.6)
+    axes.set_axisbelow(True)
+    cell = axes.get_subplotspec()
+    bottom = cell is not None and cell.is_last_row()
+    axes.tick_params(labelsize=8, labelbottom=bottom)
+    axes.set_xlabel("time [s]" if bottom else "", fontsize=8)
 
 
 def _draw_drive(strips: list[Axes], drive: Drive, traffic: Traffic, colour: str) -> None:

@@ -1,12 +1,14 @@
 """How a run kept the traffic rules, by what the vehicle saw."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mpcplan.observation import as_forecast
 from mpcplan.predict.recorded import static_ids
-from mpcplan.rules.judge import KEEPING, RulesDriven, judge_rules
+from mpcplan.rules.judge import RulesDriven, judge_rules
+from mpcplan.rules.keeping import KEEPING
 
 if TYPE_CHECKING:
     from mpcplan.simulate.run import Run
@@ -28,6 +30,10 @@ def rules_of(run: "Run") -> tuple[RulesDriven, ...]:
     return tuple(found)
 
 
-def worst_kept(rules: tuple[RulesDriven, ...]) -> str:
-    """How the worst drive kept R_G1, '' where there is none."""
-    return max((drive.kept for drive in rules), key=KEEPING.index, default="")
+def together(rules: Sequence[RulesDriven]) -> RulesDriven:
+    """The worst of several drives, rule by rule; there is one at least."""
+    return RulesDriven(
+        min((drive.safe_distance for drive in rules), key=lambda rule: rule.lowest),
+        min((drive.traffic_flow for drive in rules), key=lambda rule: rule.lowest),
+        max((drive.kept for drive in rules), key=KEEPING.index),
+    )
