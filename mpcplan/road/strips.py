@@ -3,7 +3,8 @@
 Every lanelet that leads the same way and comes near the path is a strip between two curves
 d_right(s) and d_left(s) in the path's Frenet frame. A lane is a chain of lanelets that follow each
 other; where it forks and one of the branches is the path's, that one is its continuation. So a
-vehicle that turns off soon leaves the lane, and one that drives ahead on the path stays on it.
+vehicle that turns off soon leaves the lane, and one that drives ahead on the path stays on it. What
+lies on the path's own lane belongs to that alone.
 """
 
 import math
@@ -101,9 +102,11 @@ def build_strips(
     shape = (len(found), len(frame.s))
     left = np.array([edges[0] for _, edges in found]).reshape(shape)
     right = np.array([edges[1] for _, edges in found]).reshape(shape)
+    holds = _holds(left, right)
+    left, right = _apart(left, right, holds)
     bend = np.sqrt(lateral_acceleration / np.maximum(np.abs(frame.kappa), STRAIGHT))
     return Strips(
-        frame.spacing, left, right, _same(lanelets, left, right), _beside(lanelets),
+        frame.spacing, left, right, _same(lanelets, holds), _beside(lanelets),
         _limits(scenario, lanelets, rules), bend, rules.speed_usual,
     )  # fmt: skip
 
@@ -155,12 +158,35 @@ def _longest_run(mask: Array) -> tuple[int, int]:
     return begin, end
 
 
-def _same(lanelets: list[Lanelet], left: Array, right: Array) -> Array:
+def _holds(left: Array, right: Array) -> Array:
+    """(m,) part of its length on which a strip holds the path."""
+    with np.errstate(invalid="ignore"):
+        held: Array = ((left > 0) & (right < 0)).sum(axis=1)
+    return held / np.maximum(np.isfinite(left).sum(axis=1), 1)
+
+
+def _apart(left: Array, right: Array, holds: Array) -> tuple[Array, Array]:
+    """Edges of the strips without what lies on the path's own lane.
+
+    Where lanelets fork, merge or cross they lie on each other: who is on what they share is on the
+    path's lane, and not on all others too.
+    """
+    if not len(left):
+        return left, right
+    with np.errstate(invalid="ignore"):
+        rank = np.where((left > 0) & (right < 0), holds[:, None], -1.0)
+        own, n = rank.argmax(axis=0), np.arange(left.shape[1])
+        low, high = right[own, n], left[own, n]
+        others = (rank.max(axis=0) >= 0) & (np.arange(len(left))[:, None] != own)
+        to_left = left + right > low + high
+        right = np.where(others & to_left, np.maximum(right, high), right)
+        left = np.where(others & ~to_left, np.minimum(left, low), left)
+    return left, right
+
+
+def _same(lanelets: list[Lanelet], holds: Array) -> Array:
     """(m, m) whether one lanelet leads to the other along a lane, or both are one."""
     index = {lane.lanelet_id: i for i, lane in enumerate(lanelets)}
-    here = np.isfinite(left)
-    with np.errstate(invalid="ignore"):
-        holds = ((left > 0) & (right < 0)).sum(axis=1) / np.maximum(here.sum(axis=1), 1)
     follows = np.eye(len(lanelets), dtype=bool)
     for i, lane in enumerate(lanelets):
         onward = [index[j] for j in lane.successor or () if j in index]

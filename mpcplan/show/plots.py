@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 _DPI = 110
 _WIDE = (13.0, 9.5)  # inches, the road above 2 x 3 strips
 _TALL = (13.0, 8.5)  # inches, the road beside a column of strips
+_BETWEEN = 0.08  # of a strip, between two columns of them, for each column
 _TEXT = 110  # characters of the title
 
 
@@ -51,7 +52,7 @@ def plot_run(run: Run, path: str | Path | None = None, rules: Sequence[RulesDriv
     draw_scene(scene, run, traffic)
     draw_strips(strips[: len(STRIPS)], run, traffic)
     if rules:
-        draw_rules(strips[len(STRIPS) :], rules, run.loaded.dt)
+        draw_rules(strips[len(STRIPS) :], rules, run)
     figure.suptitle(_title(run), x=0.5, y=0.985, fontsize=12)
     if path is not None:
         figure.savefig(path)
@@ -63,7 +64,7 @@ def _wide_axes(figure: Figure, count: int) -> tuple[Axes, list[Axes]]:
         2, 1, height_ratios=[1.55, 1], left=0.06, right=0.94, top=0.925, bottom=0.06, hspace=0.17
     )
     columns = count // 2
-    inner = outer[1].subgridspec(2, columns, hspace=0.16, wspace=0.24)
+    inner = outer[1].subgridspec(2, columns, hspace=0.16, wspace=_BETWEEN * columns)
     return figure.add_subplot(outer[0]), _shared(
         figure, [inner[i, j] for j in range(columns) for i in (0, 1)]
     )

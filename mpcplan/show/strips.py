@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -35,6 +36,11 @@ def draw_strips(strips: list[Axes], run: Run, traffic: Traffic) -> None:
         _draw_drive(strips, drive, traffic, colours.of_problem(index))
     _set_scales(strips)
     _draw_limits(strips, run)
+    mark_goal_times(strips, run)
+
+
+def mark_goal_times(strips: Sequence[Axes], run: Run) -> None:
+    """Shades the goals' time intervals."""
     for problem in run.loaded.problems:
         _mark_goal_time(strips, problem, run.loaded.dt)
 
@@ -99,8 +105,8 @@ def _set_scales(strips: list[Axes]) -> None:
         axes.set_ylim(0, max(1.05 * axes.get_ylim()[1], least))
 
 
-def _mark_goal_time(strips: list[Axes], problem: Problem, dt: float) -> None:
-    """Shades the goals' time intervals."""
+def _mark_goal_time(strips: Sequence[Axes], problem: Problem, dt: float) -> None:
+    """Shades the time intervals of a problem's goals."""
     for state in problem.planning_problem.goal.state_list:
         start, end = state.time_step.start * dt, state.time_step.end * dt
         for axes in strips:
