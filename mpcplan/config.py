@@ -338,6 +338,9 @@ class RulesConfig(Section):
     recovery: float = par(
         3.0, "s", "after somebody cut in the safe distance is due again in this time", ge=0, le=30
     )
+    cut_in_turn: float = par(
+        0.01, "rad", "who cuts in turns to the ego vehicle by this at least", gt=0, le=0.5
+    )
     flow: float = par(
         15.0, "m/s", "who is slower than allowed by more than this hinders the traffic", gt=0, le=45
     )

@@ -290,6 +290,19 @@ def test_who_slides_over_without_turning_does_not_cut_in():
     assert np.flatnonzero(values.safe_distance.values < 0)[0] < 5 + 20
 
 
+def test_who_drives_nearly_straight_on_the_line_does_not_cut_in():
+    """Half a degree and less is noise; the ego vehicle is in the lane that both share."""
+    scenario, ego = two_lanes(), driven(15.0)
+
+    def first(turn: float) -> float:
+        boxes = ahead(3.0, 15.0, y=WIDTH / 2)
+        boxes[:, Box.PSI] = turn
+        return judged(scenario, ego, boxes).safe_distance.values[0]
+
+    assert first(0.0) < 0 and first(-0.009) < 0 and first(0.011) < 0
+    assert np.isposinf(first(-0.011))
+
+
 def test_who_appears_ahead_has_not_cut_in():
     boxes = ahead(3.0, 15.0)
     boxes[:20] = np.nan

@@ -111,14 +111,17 @@ def in_front_of(ego: Bodies, others: Bodies) -> Array:
     return np.where(np.isnan(gap), -np.inf, gap)
 
 
-def cut_in(same_lane: Array, several_lanes: Array, ego: Bodies, others: Bodies) -> Array:
+def cut_in(
+    same_lane: Array, several_lanes: Array, ego: Bodies, others: Bodies, least: float
+) -> Array:
     """(n, o, k) cut_in [m]: the other shares a lane, is on more than one, and turns to the ego.
 
-    The last as the way by which its front is nearer to the ego vehicle's line than its rear is.
+    The last as the way by which its front is nearer to the ego vehicle's line than its rear is,
+    beyond that at the heading ``least`` [rad]: nobody drives quite straight on.
     """
     side = np.sign(ego.d[:, None] - others.d[None])
-    turned = others.length * np.sin(others.turn) * side
-    turned = np.where((side == 0) | np.isnan(turned) | (turned == 0), -np.inf, turned)
+    turned = others.length * (np.sin(others.turn) * side - np.sin(least))
+    turned = np.where(np.isnan(turned), -np.inf, turned)
     return np.minimum(np.minimum(same_lane, several_lanes[None]), turned)
 
 

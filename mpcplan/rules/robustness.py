@@ -55,7 +55,7 @@ def signals(
     return Signals(
         lane,
         front,
-        predicates.cut_in(lane, several, ego, others),
+        predicates.cut_in(lane, several, ego, others, rules.cut_in_turn),
         distance,
         predicates.slow_leading_vehicle(lane, front, others, allowed, rules.flow),
         predicates.preserves_traffic_flow(ego, strips.speed_at(ego.s, on), rules.flow),
