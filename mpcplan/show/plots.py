@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _DPI = 110
 _WIDE = (13.0, 9.5)  # inches, the road above 2 x 3 strips
-_TALL = (13.0, 8.5)  # inches, the road beside a column of strips
+_TALL = (13.0, 8.5)  # inches, the road beside a column of 6 strips
 _BETWEEN = 0.08  # of a strip, between two columns of them, for each column
 _TEXT = 110  # characters of the title
 
@@ -43,9 +43,9 @@ def plot_run(run: Run, path: str | Path | None = None, rules: Sequence[RulesDriv
     """
     size = view_size(run)
     wide = bool(size[0] >= size[1])
-    figure = Figure(figsize=_WIDE if wide else _TALL, dpi=_DPI)
-    FigureCanvasAgg(figure)
     count = len(STRIPS) + (len(RULE_STRIPS) if rules else 0)
+    figure = Figure(figsize=_WIDE if wide else (_TALL[0], _TALL[1] * count / len(STRIPS)), dpi=_DPI)
+    FigureCanvasAgg(figure)
     scene, strips = (_wide_axes if wide else _tall_axes)(figure, count)
     traffic = traffic_of(run)
     _frame(scene, figure, view_centre(run), size)
