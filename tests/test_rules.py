@@ -38,8 +38,11 @@ from mpcplan.rules.keeping import KEPT, NOT_REGAINED, REGAINED, VIOLATED, keepin
 from mpcplan.rules.predicates import ego_bodies, other_bodies, safe_distance
 from mpcplan.rules.robustness import Signals, robustness, safe_distance_rule, traffic_flow_rule
 from mpcplan.scenario import load
+from mpcplan.seed import lattice as lattices
+from mpcplan.seed.candidates import Effort, find_seeds
+from mpcplan.seed.cost import trajectory_cost
 from mpcplan.seed.lattice import lattice
-from mpcplan.seed.rules import states_cost
+from mpcplan.seed.rules import candidates_cost, seed_cost, states_cost
 from mpcplan.seed.seed import Stage
 from mpcplan.show import plot_run
 from mpcplan.show.rules import RULE_STRIPS
@@ -482,6 +485,61 @@ def test_the_lattice_counts_the_same_and_prefers_who_keeps_the_rule():
     assert careful.cost - alone >= 0.9 * lacks(careful)
 
 
+def test_every_candidate_of_the_lattice_pays_for_what_it_drives(monkeypatch):
+    road, around, states = following(2.0)
+    lanes, config = with_strips(road, two_lanes(30.0), Config()), weighted(1.0, 0.5)
+    kept = []
+
+    def recorded(*args):
+        kept.append((args, candidates_cost(*args)))
+        return kept[-1][1]
+
+    monkeypatch.setattr(lattices, "candidates_cost", recorded)
+    lattice(lanes, np.array([states[0, Stage.S], 0.0, 0.0, 15.0, 0.0]), 0.0, 0, around, config, DT)
+    ((_, paths, profiles, table, accepted, *_), found) = kept[0]
+    some = np.argwhere(accepted)[::5]
+    expected = [
+        seed_cost(lattices._seed(lanes, paths, profiles, table, p, i, 0.0, 0), around, config, DT)
+        for p, i in some.tolist()
+    ]
+    got = found[tuple(some.T)]
+    assert len(set(some[:, 0])) > 5 and np.ptp(expected) > 5.0
+    np.testing.assert_allclose(
+        got, expected, rtol=0.05, atol=0.3
+    )  # samples of 0.25 m to either side
+    assert (found[~accepted] == 0).all()
+
+
+def test_options_and_searched_seeds_pay_too():
+    road, around, states = following(2.0)
+    lanes, config = with_strips(road, two_lanes(), Config()), weighted(20.0)
+    lacking = states_cost(lanes, states, 0, around, config, DT)
+    costs = [trajectory_cost(on, states, 0, True, around, config, DT) for on in (lanes, road)]
+    assert lacking > 0 and costs[0] - costs[1] == pytest.approx(lacking)
+    state = np.array([states[0, Stage.S], 0.0, 0.0, 15.0, 0.0])
+
+    def searched(on):
+        found, _ = find_seeds(on, state, 0.0, 0, around, config, DT, Effort.ALWAYS)
+        return next(seed for seed in found if seed.source == "search")
+
+    dear, cheap = searched(lanes), searched(road)
+    np.testing.assert_array_equal(dear.states, cheap.states)
+    assert dear.cost - cheap.cost == pytest.approx(seed_cost(dear, around, config, DT)) and (
+        dear.cost > cheap.cost
+    )
+
+
+@pytest.mark.parametrize("parked", [(True, False), (False, True)])
+def test_who_is_off_all_lanes_is_left_out_with_what_is_known_of_him(parked):
+    road, _, states = following(2.0)
+    lanes = with_strips(road, two_lanes(), Config())
+    forecast = forecast_of(road.frame, 40, Track(100.0, -8.0, 15.0), Track(100.0, 0.0, 15.0))
+    others = other_bodies(occupancy(forecast, road.frame))
+    ego = ego_bodies(*(states[None, :, c] for c in (Stage.S, Stage.D, Stage.MU, Stage.V)))
+    distance, _ = robustness(lanes.strips, ego, others, np.array(parked), RULES, DT)
+    assert np.isposinf(distance).all() if parked[1] else (distance < 0).all()
+
+
 # ---------------------------------------------------------------- reports
 
 
@@ -504,6 +562,18 @@ def test_a_run_is_judged_by_what_was_there(tmp_path):
     np.testing.assert_array_equal(distance.lines[0].get_ydata(), found[0].safe_distance.values)
     assert distance.get_ylim()[0] < cells["R_G1"] and distance.get_xlim() == flow.get_xlim()
     assert len(plot_run(run).axes) == len(picture.axes) - 2
+
+
+def test_a_collision_regains_nothing(tmp_path):
+    """Who is touched is beside the ego vehicle, where the rule demands nothing any more."""
+    run = fake_run.run(load(made.write(tmp_path)))
+    (drive,) = run.drives
+    x, y = drive.trajectory.states[0, :2]
+    wall = boxes_of(x + FRONT + 1.0, y, 0.0, 0.0, steps=0)
+    drive.others = tuple(Snapshot(int(k), (7,), wall) for k in drive.trajectory.steps)
+    assert rules_of_runs.rules_of(run)[0].kept == REGAINED
+    drive.collided = True
+    assert rules_of_runs.rules_of(run)[0].kept == NOT_REGAINED
 
 
 def test_several_drives_are_as_good_as_the_worst():

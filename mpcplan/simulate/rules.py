@@ -1,6 +1,7 @@
 """How a run kept the traffic rules, by what the vehicle saw."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -8,7 +9,7 @@ import numpy as np
 from mpcplan.observation import as_forecast
 from mpcplan.predict.recorded import static_ids
 from mpcplan.rules.judge import RulesDriven, judge_rules
-from mpcplan.rules.keeping import KEEPING
+from mpcplan.rules.keeping import KEEPING, NOT_REGAINED, REGAINED
 
 if TYPE_CHECKING:
     from mpcplan.simulate.run import Run
@@ -26,7 +27,10 @@ def rules_of(run: "Run") -> tuple[RulesDriven, ...]:
     for problem, drive in zip(run.loaded.problems, run.drives, strict=True):
         task, driven, others = problem.planning_problem, drive.trajectory, as_forecast(drive.others)
         parked = np.array([number in standing for number in others.ids], bool)
-        found.append(judge_rules(road_map, task, driven, others, parked, config))
+        rules = judge_rules(road_map, task, driven, others, parked, config)
+        if drive.collided and rules.kept == REGAINED:  # who is touched is in front no more
+            rules = replace(rules, kept=NOT_REGAINED)
+        found.append(rules)
     return tuple(found)
 
 
