@@ -58,6 +58,12 @@ class CostConfig(Section):
     haste: float = par(
         0.0, "1/s", "cost of each second until all crossings with others are behind", ge=0, le=100
     )
+    safe_distance: float = par(
+        0.0, "1/(m s)", "weight of what lacks of the safe distance (rule R_G1)", ge=0, le=1e3
+    )
+    traffic_flow: float = par(
+        0.0, "1/m", "weight of the speed by which the traffic is hindered (rule R_G4)", ge=0, le=1e3
+    )
 
 
 class RoadConfig(Section):
@@ -300,14 +306,6 @@ class VerifyConfig(Section):
     )
     margin: float = par(0.05, "m", "gap kept to every predicted rectangle", ge=0, le=1)
     braking: float = par(8.0, "m/s^2", "deceleration of the fail-safe tail", gt=1, le=11.5)
-    reaction: float = par(
-        0.3,
-        "s",
-        "where the others' motion is a guess, those who follow the vehicle at the safe distance "
-        "when a fail-safe tail begins are expected to brake after this time",
-        ge=0,
-        le=5,
-    )
     tail_road: float = par(
         0.03,
         "m^2",
@@ -323,6 +321,43 @@ class VerifyConfig(Section):
         "from there; where it is recorded, to its end",
         gt=0.1,
         le=60,
+    )
+
+
+class RulesConfig(Section):
+    """Traffic rules R_G1 (safe distance) and R_G4 (traffic flow)."""
+
+    reaction: float = par(
+        0.3,
+        "s",
+        "who follows at the safe distance brakes after this time: the ego vehicle behind the "
+        "others, and others behind it when a fail-safe tail begins",
+        ge=0,
+        le=5,
+    )
+    braking_ego: float = par(
+        10.0, "m/s^2", "deceleration of the ego vehicle in the safe distance", gt=1, le=15
+    )
+    braking_others: float = par(
+        10.5, "m/s^2", "deceleration of the others in the safe distance", gt=1, le=15
+    )
+    recovery: float = par(
+        3.0, "s", "after somebody cut in the safe distance is due again in this time", ge=0, le=30
+    )
+    cut_in_turn: float = par(
+        0.01, "rad", "who cuts in turns to the ego vehicle by this at least", gt=0, le=0.5
+    )
+    flow: float = par(
+        15.0, "m/s", "who is slower than allowed by more than this hinders the traffic", gt=0, le=45
+    )
+    speed_interstate: float = par(
+        36.1, "m/s", "allowed on interstates and highways where no sign stands", gt=1, le=70
+    )
+    speed_usual: float = par(
+        13.9, "m/s", "allowed on other roads where no sign stands", gt=1, le=70
+    )
+    overlap: float = par(
+        0.2, "m", "a body that reaches this far into a lane is on it", ge=0, le=1.5
     )
 
 
@@ -366,5 +401,6 @@ class Config(Section):
     seed: SeedConfig = par(SeedConfig(), "", "the sampled lattice")
     refine: RefineConfig = par(RefineConfig(), "", "the optimal-control problem")
     verify: VerifyConfig = par(VerifyConfig(), "", "checks before execution")
+    rules: RulesConfig = par(RulesConfig(), "", "traffic rules")
     drive: DriveConfig = par(DriveConfig(), "", "the closed loop")
     bound: BoundConfig = par(BoundConfig(), "", "the clairvoyant optimum")

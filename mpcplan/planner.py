@@ -19,7 +19,7 @@ from mpcplan.plan import Clock, Option, Plan
 from mpcplan.predict.occupancy import Occupancy
 from mpcplan.predict.predictor import make_predictor
 from mpcplan.refine.refine import Watch
-from mpcplan.road.road import Road, build_roads
+from mpcplan.road.road import Road, build_roads, with_strips
 from mpcplan.seed.candidates import Effort, distinct, find_seeds
 from mpcplan.seed.seed import Seed, SeedReport, merged, words
 from mpcplan.seed.track import frenet_states
@@ -58,6 +58,9 @@ class Planner:
         self.problem, self.dt = task.problem, task.dt
         goal = task.problem.planning_problem
         self.roads = build_roads(task.road_map, goal, self.config.road)
+        if self.config.cost.safe_distance > 0 or self.config.cost.traffic_flow > 0:
+            roads = (with_strips(road, task.road_map, self.config) for road in self.roads)
+            self.roads = tuple(roads)
         self._predict = make_predictor(task, self.config.predict)
         self._guard = Guard(self.config, self.dt)
         self._developer = Developer(goal, self._guard, self.config, self.dt, watch)

@@ -1,5 +1,6 @@
 """The cells of a row that a run and its judgement fill."""
 
+import traceback
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from mpcplan.trajectory import Array
 
 _DIGITS_MS = 3
+_DIGITS_RULES = 3
 
 
 def run_cells(run: "Run") -> Row:
@@ -23,6 +25,25 @@ def run_cells(run: "Run") -> Row:
     cells |= _percentiles(run.planning_ms, planning)
     if run.loaded.interactive:
         cells |= _percentiles(run.step_ms, {"sim_ms_p50": 50.0, "sim_ms_max": 100.0})
+    return cells
+
+
+def rules_cells(run: "Run") -> Row:
+    """The robustness of the rules; what goes wrong there is a note and costs nothing else."""
+    if not run.driven:
+        return {}
+    from mpcplan.simulate.rules import rules_of, together
+
+    try:
+        found = together(rules_of(run))
+    except Exception as error:
+        traceback.print_exc()
+        told = f"rules not judged: {type(error).__name__}: {error}"
+        return {"notes": "; ".join((*run.notes, told))}
+    cells: Row = {"R_G1_kept": found.kept}
+    for name, rule in (("R_G1", found.safe_distance), ("R_G4", found.traffic_flow)):
+        if rule.step is not None:
+            cells |= {name: round(rule.lowest, _DIGITS_RULES), f"{name}_step": rule.step}
     return cells
 
 

@@ -32,6 +32,8 @@ LOADED = (
     "mpcplan.config_io",
     "mpcplan.scenario",
     "mpcplan.simulate.loop",
+    "mpcplan.simulate.rules",
+    "rtamt",
     "mpcplan.sumo.traffic",
     "mpcplan.score.judge",
     "mpcplan.score.locate",

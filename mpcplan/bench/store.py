@@ -28,6 +28,7 @@ COLUMNS = (
     *("scenario", "cluster", "planner", "kind", "status", "valid", "valid_late"),
     *("all_problems", "goal", "start", "no_collision", "on_road", "feasible"),
     *("TR1", "TR1_report", "Jlon", "SR", "D", "LC", "duration_s"),
+    *("R_G1", "R_G1_step", "R_G1_kept", "R_G4", "R_G4_step"),
     *("bound", "gap", "bound_by"),
     *("cycles", "plan_p50_ms", "plan_p95_ms", "plan_max_ms", "sim_ms_p50", "sim_ms_max"),
     *("wall_s", "peak_mb", "cause", "cause_late", "notes"),

@@ -7,6 +7,7 @@ from collections import Counter, defaultdict
 from collections.abc import Callable, Iterable, Sequence
 
 from mpcplan.bench.store import Row
+from mpcplan.rules.keeping import KEEPING, KEPT, NOT_REGAINED, REGAINED, VIOLATED
 from mpcplan.score.tr1 import CHECKER_WEIGHTS, PARTS
 
 _HEAD = ("cluster", "total", "solved", "TR1 mean", "std", "median", "worst", "report mean")
@@ -27,7 +28,7 @@ def summary(rows: Sequence[Row]) -> str:
         [align([_HEAD, *lines, _cells("all", rows)])],
         parts_lines(rows),
         gap_lines(rows),
-        [*status_lines(rows), *late_lines(rows), *planning_lines(rows)],
+        [*status_lines(rows), *late_lines(rows), *rules_lines(rows), *planning_lines(rows)],
         cause_lines(rows),
     ]
     return "\n\n".join("\n".join(block) for block in blocks if block)
@@ -132,8 +133,36 @@ def late_lines(rows: Sequence[Row]) -> list[str]:
     ]
 
 
+def rules_lines(rows: Sequence[Row]) -> list[str]:
+    """How many drives kept the rules, and the robustness; nothing where none was judged.
+
+    R_G1 of those that begin in violation of it is told apart: the start is not their doing.
+    """
+    judged = [row for row in rows if row["R_G1_kept"]]
+    if not judged:
+        return []
+    by = {word: [row for row in judged if row["R_G1_kept"] == word] for word in KEEPING}
+    kept, regained = by[KEPT], by[REGAINED]
+    told = f"R_G1 (safe distance): kept in {_share(kept, [*kept, *by[VIOLATED]])}"
+    if late := [*regained, *by[NOT_REGAINED]]:
+        told += f"; violated at the start of {len(late)} others, regained in {len(regained)}"
+    flowing = [row for row in judged if row["R_G4"] == "" or float(row["R_G4"]) >= 0]
+    return [
+        f"{told}; {_robustness(judged, 'R_G1', 'm')}",
+        f"R_G4 (traffic flow): kept in {_share(flowing, judged)}; "
+        f"{_robustness(judged, 'R_G4', 'm/s')}",
+    ]
+
+
+def _robustness(rows: Sequence[Row], column: str, unit: str) -> str:
+    values = numbers(rows, column)
+    median, worst = figure(values, statistics.median, 1), figure(values, min, 1)
+    return f"lowest robustness: median {median}, worst {worst} {unit}"
+
+
 def _share(some: Sequence[Row], whole: Sequence[Row]) -> str:
-    return f"{len(some)} of {len(whole)} ({len(some) / len(whole):.1%})"
+    share = f" ({len(some) / len(whole):.1%})" if whole else ""
+    return f"{len(some)} of {len(whole)}{share}"
 
 
 def planning_lines(rows: Sequence[Row]) -> list[str]:

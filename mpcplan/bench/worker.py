@@ -24,7 +24,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mpcplan.bench.cells import bound_cells, judgement_cells, run_cells
+from mpcplan.bench.cells import bound_cells, judgement_cells, rules_cells, run_cells
 from mpcplan.bench.files import write_whole
 from mpcplan.bench.find import benchmark_id, kind_of
 from mpcplan.bench.job import OWN_PLANNER
@@ -83,7 +83,8 @@ class Worker:
         from mpcplan.simulate.loop import drive  # bad input is found before the solvers come in
 
         run = drive(loaded, config, self._progress, **self._foreign())
-        row = self._row("not_solved") | {"scenario": loaded.id, **run_cells(run)}
+        row = self._row("not_solved") | {"scenario": loaded.id}
+        row |= run_cells(run) | rules_cells(run)
         row["peak_mb"] = round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1)
         write_trace(run.trace(), self._out / "traces" / f"{loaded.id}.json.gz")
         self._keep_candidate(run, row)

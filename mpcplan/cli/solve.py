@@ -13,6 +13,7 @@ from mpcplan.console import progress, quiet
 if TYPE_CHECKING:
     import numpy as np
 
+    from mpcplan.rules.judge import Robustness, RulesDriven
     from mpcplan.score.judge import Judgement
     from mpcplan.score.verdict import Verdict
     from mpcplan.simulate.run import Drive, Run
@@ -35,13 +36,14 @@ def solve(args: argparse.Namespace) -> int:
         folder = made_folder(args.out or Path("out", loaded.id))
         run = drive(loaded, config, progress(terminal), planner)
         files, judgement = _write(run, folder)
+        rules, told = _rules(run)
     verdict = judgement.verdict if judgement is not None else None
-    print(_report(run, judgement))
+    print("\n".join([_report(run, judgement), *told]))
     with quiet():
         from mpcplan.show.plots import plot_run
 
         picture = folder / f"{loaded.id}.png"
-        plot_run(run, picture)
+        plot_run(run, picture, rules)
     print("\n".join(f"{'files' if not i else '':<10}{f}" for i, f in enumerate([*files, picture])))
     return OK if run.solved and verdict is not None and verdict.valid else FAILED
 
@@ -80,6 +82,30 @@ def _report(run: "Run", judgement: "Judgement | None") -> str:
     lines += _times("planning", "cycles", run.planning_ms)
     lines += _times("traffic", "steps", run.step_ms) if run.loaded.interactive else []
     return "\n".join([f"{run.loaded.id}: {_outcome(run, verdict)}", *lines])
+
+
+def _rules(run: "Run") -> "tuple[tuple[RulesDriven, ...], list[str]]":
+    """How each drive kept the rules (nothing where that cannot be told), and it in words."""
+    from mpcplan.simulate.rules import rules_of, together
+
+    if not run.driven:
+        return (), []
+    try:
+        rules = rules_of(run)
+    except Exception as error:  # whatever it is: the drive and its verdict stand
+        return (), [f"{'rules':<10}not judged: {type(error).__name__}: {error}"]
+    worst = together(rules)
+    flow = "violated" if worst.traffic_flow.lowest < 0 else "kept"
+    return rules, [
+        _rule_line("R_G1", f"safe distance {worst.kept}", worst.safe_distance, "m"),
+        _rule_line("R_G4", f"traffic flow {flow}", worst.traffic_flow, "m/s"),
+    ]
+
+
+def _rule_line(name: str, told: str, rule: "Robustness", unit: str) -> str:
+    if rule.step is None:
+        return f"{name:<10}{told}: it never applies"
+    return f"{name:<10}{told}: lowest robustness {rule.lowest:.2f} {unit} at step {rule.step}"
 
 
 def _times(what: str, of: str, times_ms: "np.ndarray") -> list[str]:

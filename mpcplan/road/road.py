@@ -1,19 +1,20 @@
 """The road of one route: reference path, limits and goal in one value."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
 from commonroad.planning.planning_problem import PlanningProblem
 from commonroad.scenario.scenario import Scenario
 
-from mpcplan.config import RoadConfig
+from mpcplan.config import Config, RoadConfig
 from mpcplan.errors import RoadError
 from mpcplan.road.frame import Frame
 from mpcplan.road.goal import GoalWindow, goal_windows, last_goal_step
 from mpcplan.road.limits import Limits, build_limits, drivable_area
 from mpcplan.road.reference import build_frame
 from mpcplan.road.route import Route, find_routes
+from mpcplan.road.strips import Strips, build_strips
 from mpcplan.trajectory import Array
 from mpcplan.vehicle import FORD_ESCORT as CAR
 
@@ -34,6 +35,7 @@ class Road:
         first_step: time step at the start.
         start: arc length of the rear axle at the start [m].
         dt: time step [s].
+        strips: its lanes, where what candidates cost for breaking the rules is asked for.
     """
 
     route: Route
@@ -44,6 +46,7 @@ class Road:
     first_step: int = 0
     start: float = 0.0
     dt: float = 0.1
+    strips: Strips | None = None
 
     @property
     def last_step(self) -> int:
@@ -120,3 +123,9 @@ def build_roads(
             + "; ".join(reasons)
         )
     return tuple(roads)
+
+
+def with_strips(road: Road, road_map: Scenario, config: Config) -> Road:
+    """The road with its lanes, for the rules."""
+    lateral = config.road.lateral_acceleration
+    return replace(road, strips=build_strips(road_map, road.frame, lateral, config.rules))

@@ -1,5 +1,6 @@
 """All seeds of one road: the lattice's best, and where asked for those of the speed search."""
 
+from dataclasses import replace
 from enum import Enum
 
 import numpy as np
@@ -10,6 +11,7 @@ from mpcplan.road.road import Road
 from mpcplan.seed.blocked import Blocked, block
 from mpcplan.seed.lattice import Lattice, differ, lattice
 from mpcplan.seed.paths import Paths
+from mpcplan.seed.rules import seed_cost
 from mpcplan.seed.search import ACTUATOR_SHARE, as_seed, search
 from mpcplan.seed.seed import Seed, SeedReport
 from mpcplan.trajectory import Array
@@ -83,7 +85,8 @@ def _searched(
         v, a = grid.motion.v, grid.motion.a
         found = search(road, grid.paths, blocked, path, v, a, step, config, dt)
         if found is not None:
-            seeds.append(as_seed(road, grid.paths, path, a, found, source, step, dt))
+            seed = as_seed(road, grid.paths, path, a, found, source, step, dt)
+            seeds.append(replace(seed, cost=seed.cost + seed_cost(seed, grid.window, config, dt)))
     reaching = sum(seed.reaches_goal for seed in seeds)
     return seeds, SeedReport(source, len(wanted), len(seeds), reaching)
 

@@ -2,6 +2,7 @@
 
     J = dt sum_k  w_J j_k^2 + w_SR w_k^2 + w_D exp(-c (gap_k - r)) + w_LC e_k^2 + w_v over_k^2
                 + w_T late_k^2 + w_H [s_k < s_clear]
+                (+ what broken rules cost, see mpcplan.seed.rules)
 
 with gap_k the distance of the centres to the nearest obstacle ahead whose centre lies within 2.8 m
 laterally at step k, as the evaluator counts it, e_k the offset of the body's centre from its lane,
@@ -28,6 +29,7 @@ from mpcplan.predict.occupancy import Occupancy
 from mpcplan.road.road import Road
 from mpcplan.seed.crossing import last_crossing
 from mpcplan.seed.goal_fit import miss_distance
+from mpcplan.seed.rules import states_cost
 from mpcplan.seed.seed import Stage
 from mpcplan.trajectory import Array
 from mpcplan.vehicle import FORD_ESCORT as CAR
@@ -67,6 +69,7 @@ def trajectory_cost(
         clear = last_crossing(occupancy, first_step, float(states[0, Stage.S]))
         rate = rate + cost.haste * (after[:, Stage.S] < clear)
     total = dt * float(rate.sum())
+    total += states_cost(road, states, first_step, occupancy, config, dt)
     if reaches_goal or not len(after):
         return total
     miss = miss_distance(road, centre_s[-1:], centre_d[-1:], after[-1:, Stage.V])

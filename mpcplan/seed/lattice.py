@@ -6,7 +6,8 @@ the smallest violation; the cost is TR1 up to the first step at which a goal win
 
     dt sum_k 0.01 j_k^2 + 22 (delta'(sigma) v)_k^2 + 8 exp(-0.2 gap_k) + w_LC d_k^2,
 
-plus a penalty where no goal is met. All arrays, no loop over candidates.
+plus a penalty where no goal is met, and what broken rules cost (:mod:`mpcplan.seed.rules`).
+All arrays, no loop over candidates.
 """
 
 from dataclasses import dataclass
@@ -29,6 +30,7 @@ from mpcplan.seed.judge import (
 )
 from mpcplan.seed.paths import FrenetPose, Paths, frenet_pose, sample_paths
 from mpcplan.seed.profiles import Arrival, Motion, Profiles, sample_profiles
+from mpcplan.seed.rules import candidates_cost
 from mpcplan.seed.seed import Seed, SeedReport, Stage
 from mpcplan.trajectory import Array, State
 from mpcplan.vehicle import FORD_ESCORT as CAR
@@ -90,6 +92,7 @@ def lattice(
     accepted = np.all(
         [v <= slack.get(n, 0.0) + TOLERANCE for n, (v, _) in violations.items()], axis=0
     )
+    cost = cost + candidates_cost(road, paths, profiles, table, accepted, window, config, dt)
     for name in slack:
         cost = cost + config.seed.slack_cost * np.maximum(violations[name][0], 0.0)
     report = report_of(broken, violations, accepted, table, blocked, window, step)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,19 +31,29 @@ STRIPS = (
 def draw_strips(strips: list[Axes], run: Run, traffic: Traffic) -> None:
     """Draws the strips named in :data:`STRIPS` for every drive."""
     for axes, label in zip(strips, STRIPS, strict=True):
-        axes.set_ylabel(label, fontsize=8)
-        axes.grid(color="#e4e4e4", lw=0.6)
-        axes.set_axisbelow(True)
-        cell = axes.get_subplotspec()
-        bottom = cell is not None and cell.is_last_row()
-        axes.tick_params(labelsize=8, labelbottom=bottom)
-        axes.set_xlabel("time [s]" if bottom else "", fontsize=8)
+        prepare_strip(axes, label)
     for index, drive in enumerate(run.drives):
         _draw_drive(strips, drive, traffic, colours.of_problem(index))
     _set_scales(strips)
     _draw_limits(strips, run)
+    mark_goal_times(strips, run)
+
+
+def mark_goal_times(strips: Sequence[Axes], run: Run) -> None:
+    """Shades the goals' time intervals."""
     for problem in run.loaded.problems:
         _mark_goal_time(strips, problem, run.loaded.dt)
+
+
+def prepare_strip(axes: Axes, label: str) -> None:
+    """Names a strip; only the lowest have words below the time axis."""
+    axes.set_ylabel(label, fontsize=8)
+    axes.grid(color="#e4e4e4", lw=0.6)
+    axes.set_axisbelow(True)
+    cell = axes.get_subplotspec()
+    bottom = cell is not None and cell.is_last_row()
+    axes.tick_params(labelsize=8, labelbottom=bottom)
+    axes.set_xlabel("time [s]" if bottom else "", fontsize=8)
 
 
 def _draw_drive(strips: list[Axes], drive: Drive, traffic: Traffic, colour: str) -> None:
@@ -94,8 +105,8 @@ def _set_scales(strips: list[Axes]) -> None:
         axes.set_ylim(0, max(1.05 * axes.get_ylim()[1], least))
 
 
-def _mark_goal_time(strips: list[Axes], problem: Problem, dt: float) -> None:
-    """Shades the goals' time intervals."""
+def _mark_goal_time(strips: Sequence[Axes], problem: Problem, dt: float) -> None:
+    """Shades the time intervals of a problem's goals."""
     for state in problem.planning_problem.goal.state_list:
         start, end = state.time_step.start * dt, state.time_step.end * dt
         for axes in strips:

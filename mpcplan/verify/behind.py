@@ -4,15 +4,15 @@ A fail-safe tail brakes hard, and a forecast that was made with one motion of th
 those behind it drive on into it. Who is behind in the vehicle's own way by then, no nearer than the
 safe distance, is expected to brake as hard after its reaction time delta:
 
-    gap >= v_f delta + (v_f^2 - v^2) / (2 b)
+    gap >= v_f delta + (v_f^2 - v^2) / (2 b),
 
-Source: the safe distance of rule R_G1, Maierhofer et al., Formalization of interstate traffic rules
-in temporal logic, IEEE IV 2020, with the same deceleration of both.
+the safe distance of rule R_G1 (:mod:`mpcplan.rules`) with the same deceleration of both.
 """
 
 import numpy as np
 
 from mpcplan.observation import Box, Forecast
+from mpcplan.rules.predicates import safe_distance
 from mpcplan.trajectory import Array, State
 from mpcplan.vehicle import FORD_ESCORT as CAR
 from mpcplan.vehicle import centres
@@ -38,6 +38,6 @@ def follows(state: Array, step: int, forecast: Forecast, braking: float, reactio
     turn = np.abs((boxes[:, Box.PSI] - psi + np.pi) % (2 * np.pi) - np.pi)
     gap = -along - (CAR.length + boxes[:, Box.LENGTH]) / 2
     v, v_f = float(state[State.V]), boxes[:, Box.V]
-    safe = np.maximum(v_f * reaction + (v_f**2 - v**2) / (2 * braking), 0.0)
+    safe = safe_distance(v_f, v, braking, braking, reaction)
     found: Array = (turn < ALIGNED) & (across < (CAR.width + boxes[:, Box.WIDTH]) / 2)
     return found & (gap > 0) & (gap >= safe)  # False where there is no box

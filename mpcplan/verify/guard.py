@@ -31,6 +31,7 @@ class Guard:
 
     def __init__(self, config: Config, dt: float) -> None:
         self._config, self._dt = config.verify, dt
+        self._reaction = config.rules.reaction
         self.certain = round(self._config.horizon / dt)
         self._interval = max(round(config.drive.replan / dt), 1)
 
@@ -67,8 +68,7 @@ class Guard:
         behind = None
         if trusting and step < trajectory.last_step:
             state = trajectory.states[step - trajectory.first_step]
-            config = self._config
-            behind = follows(state, step, forecast, config.braking, config.reaction)
+            behind = follows(state, step, forecast, self._config.braking, self._reaction)
         return verify(trajectory, forecast, road.area, self._config, step, behind)
 
     def emergency(
