@@ -1,0 +1,165 @@
+"""What every player does at levels 0, 1 and 2.
+
+    level 0   maximises R with the others held as they are: standing where they are now, whatever
+              their speed (so in Li et al. 2018: others are stationary obstacles)
+    level k   maximises R with all others on their best sequences at level k - 1
+
+Every player is solved once per level. A player's own rewards do not depend on the level and are
+computed once.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mpcplan.config import GameConfig
+from mpcplan.game.actions import STRAIGHT, Action, index_of, sequence
+from mpcplan.game.player import Player
+from mpcplan.game.reward import Meetings, own_rewards, pair_rewards
+from mpcplan.game.search import Best, own_of, search, together, without_others
+from mpcplan.game.tree import Column, begins, grow, rows_of
+from mpcplan.game.way import Pose, Ways
+from mpcplan.trajectory import Array
+
+LEVELS = 3  # 0, 1 and 2
+
+
+class Board:
+    """All players with all that they can do.
+
+    Attributes:
+        players: the players.
+        half: (p, 2) half lengths and widths of their bodies [m].
+        trees: of the players.
+        own: their own rewards.
+    """
+
+    def __init__(self, players: Sequence[Player], config: GameConfig) -> None:
+        self.players, self.config = tuple(players), config
+        self.half = np.array([(player.length, player.width) for player in players]) / 2
+        nodes = int(begins(config.actions + 1)[-1])
+        self._states = np.empty((len(Column), len(players), nodes, config.substeps))
+        self.trees = tuple(
+            grow(player, config, self._states[:, i]) for i, player in enumerate(players)
+        )
+        self.own = tuple(own_of(own_rewards(tree, config), config.actions) for tree in self.trees)
+        self._ways = Ways([player.way for player in players])
+        self._layer = np.repeat(np.arange(config.actions), np.diff(begins(config.actions + 1)))
+
+    def poses(self, who: Array, rows: Array) -> Array:
+        """(n, m, 4) poses of players (n,) during actions, at rows (n,) of their trees."""
+        columns = (Column.S, Column.D, Column.COS, Column.SIN)
+        return self._ways.poses(who, *(self._states[column, who, rows] for column in columns))
+
+    def best(
+        self, acting: Sequence[int], meetings: Meetings, likely: Sequence[Array], keep: int = 1
+    ) -> list[Best]:
+        """The best sequences of acting players.
+
+        Args:
+            acting: indices of these players.
+            meetings: with the others, a row for each of these players.
+            likely: for each of them sequences that may be good.
+            keep: how many of the best sequences are wanted.
+        """
+        if not meetings.weight.shape[1]:
+            return [without_others(self.own[i], keep) for i in acting]
+        index = np.array(acting, int)
+
+        def terms(who: Array, rows: Array) -> Array:
+            poses = self.poses(index[who], rows)
+            return pair_rewards(meetings, who, self._layer[rows], poses, self.config)
+
+        searches = [search(self.own[i], keep, some) for i, some in zip(acting, likely, strict=True)]
+        return together(searches, terms)
+
+    def response(self, i: int, best: Best) -> "Response":
+        """What a player does by its best sequence."""
+        index, config = int(best.index[0]), self.config
+        rows = rows_of(np.array([index]), config.actions)[0]
+        return Response(
+            index=index,
+            reward=float(best.reward[0]),
+            actions=sequence(index, config.actions),
+            command=self.trees[i].first_command(index, config.step),
+            path=self.trees[i].path(index),
+            poses=self.poses(np.full(len(rows), i), rows),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """A player's best sequence at a level.
+
+    Attributes:
+        index: of the sequence in Gamma.
+        reward: of the sequence.
+        actions: the sequence.
+        command: (2,) what can be observed of the first action, the mean acceleration and yaw rate
+            relative to the lane; columns :class:`mpcplan.game.actions.Command`.
+        path: (T m, 4) states at all instants; columns :class:`mpcplan.game.way.Place`.
+        poses: (T, m, 4) on the map during each action; columns :class:`mpcplan.game.way.Pose`.
+    """
+
+    index: int
+    reward: float
+    actions: tuple[Action, ...]
+    command: Array
+    path: Array
+    poses: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Levels:
+    """What all players do at all levels.
+
+    Attributes:
+        board: the players.
+        responses: for each player those at levels 0, 1 and 2.
+        evaluated: actions whose pairwise terms were computed.
+        pruned: sequences that were left out by their bound.
+    """
+
+    board: Board
+    responses: tuple[tuple[Response, ...], ...]
+    evaluated: int
+    pruned: int
+
+
+def solve(players: Sequence[Player], config: GameConfig) -> Levels:
+    """The best responses of all players at all levels."""
+    board = Board(players, config)
+    shape = (config.actions, config.substeps, len(Pose))
+    expected = np.stack([np.broadcast_to(player.pose, shape) for player in players])
+    found: list[list[Response]] = []
+    evaluated = pruned = 0
+    for level in range(LEVELS):
+        # who expects the others to act as at the level before does so itself
+        acting = [i for i in range(len(players)) if level < 2 or not _same(found[-1], found[-2], i)]
+        now = found[-1].copy() if level else []
+        steady = [index_of((action,) * config.actions) for action in list(Action)[STRAIGHT]]
+        likely = [np.array([*steady, *(before[i].index for before in found)]) for i in acting]
+        best = board.best(acting, _meetings(board, acting, expected), likely)
+        for i, one in zip(acting, best, strict=True):
+            evaluated, pruned = evaluated + one.evaluated, pruned + one.pruned
+            now[i : i + 1] = [board.response(i, one)]
+        expected = np.stack([one.poses for one in now])
+        found.append(now)
+    return Levels(board, tuple(zip(*found, strict=True)), evaluated, pruned)
+
+
+def _same(now: list[Response], before: list[Response], but: int) -> bool:
+    """Whether all players but one do the same at two levels."""
+    pairs = zip(now, before, strict=True)
+    return all(one.index == other.index for i, (one, other) in enumerate(pairs) if i != but)
+
+
+def _meetings(board: Board, acting: Sequence[int], expected: Array) -> Meetings:
+    """Acting players with all others, whose poses (p, T, m, 4) are expected."""
+    count = len(board.players)
+    others = np.array([[j for j in range(count) if j != i] for i in acting], int)
+    others = others.reshape(len(acting), count - 1)
+    return Meetings(
+        board.half[[*acting]], expected[others], board.half[others], np.ones(others.shape)
+    )

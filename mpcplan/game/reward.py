@@ -1,0 +1,146 @@
+"""The reward of a sequence of actions.
+
+    R(gamma) = w1 c + w2 s + w3 o + w4 l + w5 d          summed over the actions of gamma, where
+
+    c = -1  the body touches another player's body, grown by a margin, at an instant
+    s = -1  the body is within another player's safety zone: its body, elongated and widened
+    o = -1  the body is off the road at an instant
+    l = -1  the body is out of its lane at an instant, or turned against its direction
+    d = -   the distance [m] along the way from the action's end to the target, 0 beyond it
+
+c and s count once for every other player: R is a sum of a player's own terms (o, l, d), which
+depend on nobody, and of pairwise terms (c, s). No term is positive, so that what is known of a sum
+bounds it from above.
+
+Sources: report of the CommonRoad motion planning competition 2024; Li, Kolmanovsky, Girard, Yildiz
+(ACC 2018), whose weights are likewise ordered: collision, then safety zone and road, then lane,
+then distance.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from mpcplan.config import GameConfig
+from mpcplan.game.tree import Tree
+from mpcplan.game.way import Pose
+from mpcplan.trajectory import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Meetings:
+    """Players, and the others as each of them expects them to move, perhaps in several ways.
+
+    Attributes:
+        half: (p, 2) half lengths and widths [m] of the players.
+        others: (p, o, T, m, 4) poses of the others on the map during each action, columns
+            :class:`mpcplan.game.way.Pose`.
+        extents: (p, o, 2) half lengths and widths [m] of the others.
+        weight: (p, o) how much each of them counts.
+    """
+
+    half: Array
+    others: Array
+    extents: Array
+    weight: Array
+
+
+def own_rewards(tree: Tree, config: GameConfig) -> Array:
+    """(N,) the own terms w3 o + w4 l + w5 d of each node's last action."""
+    player = tree.player
+    half = player.length / 2 * np.abs(tree.sin) + player.width / 2 * np.abs(tree.cos)
+    lane_left, lane_right, road_left, road_right = player.way.edges(tree.s)
+    left, right = tree.d + half, tree.d - half
+    off = ((left > road_left) | (right < road_right)).any(axis=1)
+    out = ((left > lane_left) | (right < lane_right) | (tree.cos < 0)).any(axis=1)
+    distance = np.maximum(player.target - tree.s[:, -1], 0.0)
+    return -(config.off_road * off + config.lane * out + config.distance * distance)
+
+
+def pair_rewards(
+    meetings: Meetings, who: Array, layer: Array, poses: Array, config: GameConfig
+) -> Array:
+    """(n,) the pairwise terms w1 c + w2 s of single actions.
+
+    Args:
+        meetings: the players and the others.
+        who: (n,) the acting player, as row of ``meetings``.
+        layer: (n,) which of its actions it is, the first one 0.
+        poses: (n, m, 4) its poses during the action; columns :class:`Pose`.
+        config: the game.
+    """
+    total = np.zeros(len(who))
+    others = meetings.others[who, :, layer]
+    row, other, instant = np.nonzero(_near(meetings, who, poses, others, config))
+    if not len(row):
+        return total
+    by = who[row]
+    half, extents = meetings.half[by].T, meetings.extents[by, other].T
+    seen = _seen(poses[row, instant], others[row, other, instant], half)
+    longer, wider = config.zone_length, config.zone_width
+    for grown, cost in (
+        ((extents[0] + config.margin, extents[1] + config.margin), config.collision),
+        ((extents[0] + longer, extents[1] + wider), config.safe_distance),
+    ):
+        hit = _overlap(seen, half, *grown)
+        flags = np.zeros((others.shape[1], len(who)), bool)
+        flags[other[hit], row[hit]] = True
+        # one of the others after the next, so that sums do not depend on how many rows there are
+        for number in np.flatnonzero(flags.any(axis=1)):
+            total -= cost * meetings.weight[who, number] * flags[number]
+    return total
+
+
+def _near(meetings: Meetings, who: Array, poses: Array, others: Array, config: GameConfig) -> Array:
+    """(n, o, m) where circles around bodies and others' zones overlap; see pair_rewards."""
+    zone = meetings.extents + (
+        config.zone_length + config.margin,
+        config.zone_width + config.margin,
+    )
+    reach = np.hypot(*meetings.half.T)[:, None] + np.hypot(zone[..., 0], zone[..., 1])
+    dx = others[..., Pose.X] - poses[:, None, :, Pose.X]
+    dy = others[..., Pose.Y] - poses[:, None, :, Pose.Y]
+    near: Array = dx * dx + dy * dy < (reach * reach)[who][:, :, None]
+    return near
+
+
+class _Seen(NamedTuple):
+    """How pairs of rectangles lie to each other (all (p,)): distances [m] of their centres along
+    and across the first and the second one, cosine and sine between them, and how far the first
+    one reaches along and across the second [m]; all without their signs."""
+
+    along: Array
+    aside: Array
+    along_other: Array
+    aside_other: Array
+    cos: Array
+    sin: Array
+    reach_along: Array
+    reach_aside: Array
+
+
+def _seen(own: Array, other: Array, half: Array) -> _Seen:
+    """For poses (p, 4) of the first and the second rectangles and half extents (2, p) [m] of the
+    first."""
+    x1, y1, c1, s1 = own.T
+    x2, y2, c2, s2 = other.T
+    dx, dy = x2 - x1, y2 - y1
+    cos, sin = np.abs(c1 * c2 + s1 * s2), np.abs(c1 * s2 - s1 * c2)
+    return _Seen(
+        np.abs(dx * c1 + dy * s1), np.abs(dy * c1 - dx * s1),
+        np.abs(dx * c2 + dy * s2), np.abs(dy * c2 - dx * s2),
+        cos, sin, half[0] * cos + half[1] * sin, half[0] * sin + half[1] * cos,
+    )  # fmt: skip
+
+
+def _overlap(seen: _Seen, half: Array, length: Array, width: Array) -> Array:
+    """(p,) whether rectangles overlap others with half lengths and widths (p,) [m].
+
+    Separating axes: two rectangles are apart if they are along a side of either.
+    """
+    met: Array = seen.along < half[0] + length * seen.cos + width * seen.sin
+    met &= seen.aside < half[1] + length * seen.sin + width * seen.cos
+    met &= seen.along_other < length + seen.reach_along
+    met &= seen.aside_other < width + seen.reach_aside
+    return met
