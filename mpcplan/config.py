@@ -222,7 +222,7 @@ class GameConfig(Section):
         10000.0, "1", "cost of each action in which bodies touch (w1)", ge=0, le=1e9
     )
     safe_distance: float = par(
-        1000.0, "1", "cost of each action that leads into another's safety zone (w2)", ge=0, le=1e9
+        1000.0, "1", "cost of each action in which safety zones overlap (w2)", ge=0, le=1e9
     )
     off_road: float = par(1000.0, "1", "cost of each action off the road (w3)", ge=0, le=1e9)
     lane: float = par(
@@ -233,10 +233,10 @@ class GameConfig(Section):
     )
     margin: float = par(0.2, "m", "gap below which bodies count as touching", ge=0, le=2)
     zone_length: float = par(
-        3.0, "m", "how far a safety zone reaches ahead of and behind a body", ge=0, le=30
+        1.5, "m", "how far a safety zone reaches ahead of and behind a body", ge=0, le=30
     )
     zone_width: float = par(
-        0.4, "m", "how far a safety zone reaches to either side of a body", ge=0, le=5
+        0.2, "m", "how far a safety zone reaches to either side of a body", ge=0, le=5
     )
     learning: float = par(
         0.2, "1", "what the level gains in belief that fits an observed action", ge=0, le=10

@@ -156,8 +156,8 @@ class Intersections:
         self, observation: Observation, scene: Scene, found: Hypotheses, row: int, ego: Player,
         meetings: Sequence[Meeting],
     ) -> tuple[float, Agent, Array, str] | None:  # fmt: skip
-        """When [s] somebody can be at its first meeting with the ego vehicle, who it is, what it was
-        seen to do, and that in words; None: not soon, or never. ``row`` is its hypothesis."""
+        """When [s] somebody can be at its first meeting with the ego vehicle, who it is, what it
+        was seen to do, and why in words; None: not soon, or never. ``row`` is its hypothesis."""
         vehicle, path = int(found.vehicle[row]), int(found.path[row])
         box, front = scene.boxes[vehicle], float(found.s[row])
         for meeting in meetings:

@@ -2,8 +2,8 @@
 
     R(gamma) = w1 c + w2 s + w3 o + w4 l + w5 d          summed over the actions of gamma, where
 
-    c = -1  the body touches another player's body, grown by a margin, at an instant
-    s = -1  the body is within another player's safety zone: its body, elongated and widened
+    c = -1  the body comes nearer than a margin to another player's body at an instant
+    s = -1  its safety zone, the body elongated and widened, overlaps the other one's at an instant
     o = -1  the body is off the road at an instant
     l = -1  the body is out of its lane at an instant, or turned against its direction
     d = -   the distance [m] along the way from the action's end to the target, 0 beyond it
@@ -75,15 +75,13 @@ def pair_rewards(
     row, other, instant = np.nonzero(_near(meetings, who, poses, others, config))
     if not len(row):
         return total
-    by = who[row]
-    half, extents = meetings.half[by].T, meetings.extents[by, other].T
-    seen = _seen(poses[row, instant], others[row, other, instant], half)
-    longer, wider = config.zone_length, config.zone_width
-    for grown, cost in (
-        ((extents[0] + config.margin, extents[1] + config.margin), config.collision),
-        ((extents[0] + longer, extents[1] + wider), config.safe_distance),
+    half, extents = meetings.half[who[row]].T, meetings.extents[who[row], other].T
+    seen = _seen(poses[row, instant], others[row, other, instant])
+    for (longer, wider), cost in zip(
+        _grown(config), (config.collision, config.safe_distance), strict=True
     ):
-        hit = _overlap(seen, half, *grown)
+        hit = _overlap(seen, half[0] + longer, half[1] + wider, extents[0] + longer,
+                       extents[1] + wider)  # fmt: skip
         flags = np.zeros((others.shape[1], len(who)), bool)
         flags[other[hit], row[hit]] = True
         # one of the others after the next, so that sums do not depend on how many rows there are
@@ -92,13 +90,17 @@ def pair_rewards(
     return total
 
 
+def _grown(config: GameConfig) -> tuple[tuple[float, float], tuple[float, float]]:
+    """How much longer and wider [m] at each end and side every body is for c, and for s."""
+    return (config.margin / 2, config.margin / 2), (config.zone_length, config.zone_width)
+
+
 def _near(meetings: Meetings, who: Array, poses: Array, others: Array, config: GameConfig) -> Array:
-    """(n, o, m) where circles around bodies and others' zones overlap; see pair_rewards."""
-    zone = meetings.extents + (
-        config.zone_length + config.margin,
-        config.zone_width + config.margin,
-    )
-    reach = np.hypot(*meetings.half.T)[:, None] + np.hypot(zone[..., 0], zone[..., 1])
+    """(n, o, m) where circles around the players and around the others, both grown, overlap; see
+    :func:`pair_rewards`."""
+    most = np.max(_grown(config), axis=0)
+    one, other = meetings.half + most, meetings.extents + most
+    reach = np.hypot(*one.T)[:, None] + np.hypot(other[..., 0], other[..., 1])
     dx = others[..., Pose.X] - poses[:, None, :, Pose.X]
     dy = others[..., Pose.Y] - poses[:, None, :, Pose.Y]
     near: Array = dx * dx + dy * dy < (reach * reach)[who][:, :, None]
@@ -107,8 +109,7 @@ def _near(meetings: Meetings, who: Array, poses: Array, others: Array, config: G
 
 class _Seen(NamedTuple):
     """How pairs of rectangles lie to each other (all (p,)): distances [m] of their centres along
-    and across the first and the second one, cosine and sine between them, and how far the first
-    one reaches along and across the second [m]; all without their signs."""
+    and across the first and the second one, cosine and sine between them; without their signs."""
 
     along: Array
     aside: Array
@@ -116,31 +117,29 @@ class _Seen(NamedTuple):
     aside_other: Array
     cos: Array
     sin: Array
-    reach_along: Array
-    reach_aside: Array
 
 
-def _seen(own: Array, other: Array, half: Array) -> _Seen:
-    """For poses (p, 4) of the first and the second rectangles and half extents (2, p) [m] of the
-    first."""
+def _seen(own: Array, other: Array) -> _Seen:
+    """For poses (p, 4) of the first and the second rectangles."""
     x1, y1, c1, s1 = own.T
     x2, y2, c2, s2 = other.T
     dx, dy = x2 - x1, y2 - y1
-    cos, sin = np.abs(c1 * c2 + s1 * s2), np.abs(c1 * s2 - s1 * c2)
     return _Seen(
         np.abs(dx * c1 + dy * s1), np.abs(dy * c1 - dx * s1),
         np.abs(dx * c2 + dy * s2), np.abs(dy * c2 - dx * s2),
-        cos, sin, half[0] * cos + half[1] * sin, half[0] * sin + half[1] * cos,
+        np.abs(c1 * c2 + s1 * s2), np.abs(c1 * s2 - s1 * c2),
     )  # fmt: skip
 
 
-def _overlap(seen: _Seen, half: Array, length: Array, width: Array) -> Array:
-    """(p,) whether rectangles overlap others with half lengths and widths (p,) [m].
+def _overlap(seen: _Seen, length: Array, width: Array, longer: Array, wider: Array) -> Array:
+    """(p,) whether rectangles overlap others; the half lengths and widths [m] of the first ones,
+    then those of the second ones.
 
     Separating axes: two rectangles are apart if they are along a side of either.
     """
-    met: Array = seen.along < half[0] + length * seen.cos + width * seen.sin
-    met &= seen.aside < half[1] + length * seen.sin + width * seen.cos
-    met &= seen.along_other < length + seen.reach_along
-    met &= seen.aside_other < width + seen.reach_aside
+    cos, sin = seen.cos, seen.sin
+    met: Array = seen.along < length + longer * cos + wider * sin
+    met &= seen.aside < width + longer * sin + wider * cos
+    met &= seen.along_other < longer + length * cos + width * sin
+    met &= seen.aside_other < wider + length * sin + width * cos
     return met

@@ -139,5 +139,6 @@ def _continue(player: Player, states: Array, times: Array, found: Array) -> None
 
 def _standstill(v: Array, a: Array) -> Array:
     """After what time [s] who drives at v with an acceleration a stands; infinity: never."""
+    never = np.where((v > 0) | (a > 0), np.inf, 0.0)
     braking = a < 0
-    return np.where(braking, v / np.where(braking, -a, 1.0), np.inf)
+    return np.where(braking, v / np.where(braking, -a, 1.0), never)
