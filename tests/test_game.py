@@ -125,7 +125,7 @@ def test_to_maintain_follows_the_bend():
     bend = 0.05
     along = way(bend=bend)
     board = Board([player(1, along, -50.0, 8.0)], CONFIG)
-    pose = board.response(0, board.best([0], _nobody(), [np.array([0])])[0]).poses
+    pose = board.responses([0], board.best([0], _nobody(), [np.array([0])]))[0].poses
     centre = np.array([-100.0, 1 / bend])  # of the circle that begins at (-100, 0) eastward
     radii = np.hypot(*(pose[..., :2].reshape(-1, 2) - centre).T)
     np.testing.assert_allclose(radii, 1 / bend, atol=0.01)

@@ -119,7 +119,7 @@ def decide(ego: Player, agents: Sequence[Agent], beliefs: Beliefs, config: GameC
     levels = solve([ego, *(agent.player for agent in known)], config)
     believed = [beliefs.of(agent.player.id) for agent in known]
     best = _best(levels, believed, config)
-    chosen = levels.board.response(0, best)
+    chosen = levels.board.responses([0], [best])[0]
     players = zip([ego, *(agent.player for agent in known)], levels.responses, strict=True)
     orders = {}
     for agent, belief, found in zip(known, believed, levels.responses[1:], strict=True):

@@ -63,7 +63,7 @@ class Board:
             likely: for each of them sequences that may be good.
             keep: how many of the best sequences are wanted.
         """
-        if not meetings.weight.shape[1]:
+        if not acting or not meetings.weight.shape[1]:
             return [without_others(self.own[i], keep) for i in acting]
         index = np.array(acting, int)
 
@@ -74,18 +74,26 @@ class Board:
         searches = [search(self.own[i], keep, some) for i, some in zip(acting, likely, strict=True)]
         return together(searches, terms)
 
-    def response(self, i: int, best: Best) -> "Response":
-        """What a player does by its best sequence."""
-        index, config = int(best.index[0]), self.config
-        rows = rows_of(np.array([index]), config.actions)[0]
-        return Response(
-            index=index,
-            reward=float(best.reward[0]),
-            actions=sequence(index, config.actions),
-            command=self.trees[i].first_command(index, config.step),
-            path=self.trees[i].path(index),
-            poses=self.poses(np.full(len(rows), i), rows),
-        )
+    def responses(self, acting: Sequence[int], best: Sequence[Best]) -> list["Response"]:
+        """What acting players do by their best sequences."""
+        if not acting:
+            return []
+        config, index = self.config, [int(one.index[0]) for one in best]
+        rows = rows_of(np.array(index, int), config.actions)
+        poses = self.poses(np.repeat(np.array(acting, int), config.actions), rows.ravel())
+        return [
+            Response(
+                index=leaf,
+                reward=float(one.reward[0]),
+                actions=sequence(leaf, config.actions),
+                command=self.trees[i].first_command(leaf, config.step),
+                path=self.trees[i].path(leaf),
+                poses=moves,
+            )
+            for i, leaf, one, moves in zip(
+                acting, index, best, np.split(poses, len(index)), strict=True
+            )
+        ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,20 +140,20 @@ def solve(players: Sequence[Player], config: GameConfig) -> Levels:
     board = Board(players, config)
     shape = (config.actions, config.substeps, len(Pose))
     expected = np.stack([np.broadcast_to(player.pose, shape) for player in players])
+    steady = [index_of((action,) * config.actions) for action in list(Action)[STRAIGHT]]
     found: list[list[Response]] = []
     evaluated = pruned = 0
     for level in range(LEVELS):
         # who expects the others to act as at the level before does so itself
         acting = [i for i in range(len(players)) if level < 2 or not _same(found[-1], found[-2], i)]
-        now = found[-1].copy() if level else []
-        steady = [index_of((action,) * config.actions) for action in list(Action)[STRAIGHT]]
-        likely = [np.array([*steady, *(before[i].index for before in found)]) for i in acting]
+        likely = [np.array([*steady, *(one[i].index for one in found)]) for i in acting]
         best = board.best(acting, _meetings(board, acting, expected), likely)
-        for i, one in zip(acting, best, strict=True):
-            evaluated, pruned = evaluated + one.evaluated, pruned + one.pruned
-            now[i : i + 1] = [board.response(i, one)]
-        expected = np.stack([one.poses for one in now])
-        found.append(now)
+        now = dict(enumerate(found[-1])) if found else {}
+        now.update(zip(acting, board.responses(acting, best), strict=True))
+        evaluated += sum(one.evaluated for one in best)
+        pruned += sum(one.pruned for one in best)
+        found.append([now[i] for i in range(len(players))])
+        expected = np.stack([one.poses for one in found[-1]])
     return Levels(board, tuple(zip(*found, strict=True)), evaluated, pruned)
 
 
