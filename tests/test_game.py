@@ -127,13 +127,13 @@ def test_to_maintain_follows_the_bend():
     board = Board([player(1, along, -50.0, 8.0)], CONFIG)
     pose = board.responses([0], board.best([0], _nobody(), [np.array([0])]))[0].poses
     centre = np.array([-100.0, 1 / bend])  # of the circle that begins at (-100, 0) eastward
-    radii = np.hypot(*(pose[..., :2].reshape(-1, 2) - centre).T)
+    radii = np.hypot(pose[Pose.X] - centre[0], pose[Pose.Y] - centre[1])
     np.testing.assert_allclose(radii, 1 / bend, atol=0.01)
 
 
 def _nobody() -> Meetings:
     return Meetings(
-        np.array([CAR]) / 2, np.zeros((1, 0, 3, 4, 4)), np.zeros((1, 0, 2)), np.zeros((1, 0))
+        np.array([CAR]) / 2, np.zeros((4, 1, 3, 0, 4)), np.zeros((1, 0, 2)), np.zeros((1, 0))
     )
 
 
@@ -157,8 +157,8 @@ def _polygon(x: float, y: float, psi: float, length: float, width: float) -> sha
     return shapely.Polygon(box_corners(box))
 
 
-def _pose(x: float, y: float, psi: float) -> list[float]:
-    return [x, y, math.cos(psi), math.sin(psi)]
+def _pose(x: float, y: float, psi: float) -> np.ndarray:
+    return np.array([x, y, math.cos(psi), math.sin(psi)])
 
 
 @settings(max_examples=200, deadline=None)
@@ -166,8 +166,8 @@ def _pose(x: float, y: float, psi: float) -> list[float]:
 def test_collision_and_safety_zone_are_overlaps_of_rectangles(one, other):
     config = GameConfig(substeps=1, collision=100.0, safe_distance=1.0)
     half = np.array([CAR]) / 2
-    meetings = Meetings(half, np.array([[[[_pose(*other)]]]]), half[None], np.ones((1, 1)))
-    poses = np.array([[_pose(*one)]])
+    meetings = Meetings(half, _pose(*other).reshape(4, 1, 1, 1, 1), half[None], np.ones((1, 1)))
+    poses = _pose(*one).reshape(4, 1, 1)
     found = pair_rewards(meetings, np.zeros(1, int), np.zeros(1, int), poses, config)[0]
     expected, (length, width) = 0.0, CAR
     for cost, longer, wider in (
@@ -224,11 +224,11 @@ def test_pruned_is_enumerated(seed, count, actions, keep, weights):
     config = GameConfig(actions=actions, **dict(zip(names, map(float, weights), strict=True)))
     players = random_players(seed, count)
     board = Board(players, config)
-    others = np.stack([
-        np.broadcast_to(one.pose, (actions, config.substeps, len(Pose))) for one in players[1:]
-    ])  # fmt: skip
+    shape = (4, actions, config.substeps)
+    stand = [np.broadcast_to(one.pose[:, None, None], shape) for one in players[1:]]
+    others = np.stack(stand, axis=2)
     belief = np.random.default_rng(seed).uniform(0, 1, (1, count - 1))
-    meetings = Meetings(board.half[:1], others[None], board.half[None, 1:], belief)
+    meetings = Meetings(board.half[:1], others[:, None], board.half[None, 1:], belief)
     layer = np.repeat(np.arange(actions), ACTIONS ** np.arange(1, actions + 1))
 
     def terms(who: np.ndarray, rows: np.ndarray) -> np.ndarray:
@@ -398,7 +398,7 @@ def test_the_reward_weighs_every_agent_by_the_belief_in_its_levels(seed):
         for level, p in enumerate(belief[number]):
             moves = decision.responses[number][level].poses
             meetings = Meetings(
-                board.half[:1], moves[None, None], board.half[None, [i + 1]], np.ones((1, 1))
+                board.half[:1], moves[:, None, :, None], board.half[None, [i + 1]], np.ones((1, 1))
             )
             poses = board.poses(np.zeros(len(every), int), every)
             terms = pair_rewards(meetings, np.zeros(len(every), int), layers, poses, TWO)

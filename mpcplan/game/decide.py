@@ -24,7 +24,7 @@ from mpcplan.game.levels import LEVELS, Levels, Response, solve
 from mpcplan.game.player import Player
 from mpcplan.game.reward import Meetings
 from mpcplan.game.search import Best
-from mpcplan.game.way import Place
+from mpcplan.game.way import Place, Pose
 from mpcplan.trajectory import Array
 
 CREEPING = 0.1  # m/s, who is slower at the end does not come any further
@@ -146,11 +146,11 @@ def decide(ego: Player, agents: Sequence[Agent], beliefs: Beliefs, config: GameC
 def _best(levels: Levels, believed: Sequence[Array], config: GameConfig) -> Best:
     """The ego vehicle's best sequences by R_P: every agent is met once per level."""
     board, others = levels.board, levels.responses[1:]
-    shape = (0, config.actions, config.substeps, 4)
-    poses = [one.poses for found in others for one in found]
+    nobody = np.empty((len(Pose), config.actions, 0, config.substeps))
+    poses = [one.poses[:, :, None] for found in others for one in found]
     meetings = Meetings(
         half=board.half[:1],
-        others=np.stack(poses)[None] if poses else np.zeros((1, *shape)),
+        others=np.concatenate([nobody, *poses], axis=2)[:, None],
         extents=np.repeat(board.half[1:], LEVELS, axis=0)[None],
         weight=np.array([p for belief in believed for p in belief])[None],
     )

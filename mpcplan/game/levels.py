@@ -48,7 +48,7 @@ class Board:
         self._layer = np.repeat(np.arange(config.actions), np.diff(begins(config.actions + 1)))
 
     def poses(self, who: Array, rows: Array) -> Array:
-        """(n, m, 4) poses of players (n,) during actions, at rows (n,) of their trees."""
+        """(4, n, m) poses of players (n,) during actions, at rows (n,) of their trees."""
         columns = (Column.S, Column.D, Column.COS, Column.SIN)
         return self._ways.poses(who, *(self._states[column, who, rows] for column in columns))
 
@@ -91,7 +91,7 @@ class Board:
                 poses=moves,
             )
             for i, leaf, one, moves in zip(
-                acting, index, best, np.split(poses, len(index)), strict=True
+                acting, index, best, np.split(poses, len(index), axis=1), strict=True
             )
         ]
 
@@ -107,7 +107,7 @@ class Response:
         command: (2,) what can be observed of the first action, the mean acceleration and yaw rate
             relative to the lane; columns :class:`mpcplan.game.actions.Command`.
         path: (T m, 4) states at all instants; columns :class:`mpcplan.game.way.Place`.
-        poses: (T, m, 4) on the map during each action; columns :class:`mpcplan.game.way.Pose`.
+        poses: (4, T, m) on the map during each action; rows :class:`mpcplan.game.way.Pose`.
     """
 
     index: int
@@ -138,8 +138,9 @@ class Levels:
 def solve(players: Sequence[Player], config: GameConfig) -> Levels:
     """The best responses of all players at all levels."""
     board = Board(players, config)
-    shape = (config.actions, config.substeps, len(Pose))
-    expected = np.stack([np.broadcast_to(player.pose, shape) for player in players])
+    shape = (len(Pose), config.actions, config.substeps)
+    stand = [np.broadcast_to(player.pose[:, None, None], shape) for player in players]
+    expected = np.stack(stand, axis=1)
     steady = [index_of((action,) * config.actions) for action in list(Action)[STRAIGHT]]
     found: list[list[Response]] = []
     evaluated = pruned = 0
@@ -153,7 +154,7 @@ def solve(players: Sequence[Player], config: GameConfig) -> Levels:
         evaluated += sum(one.evaluated for one in best)
         pruned += sum(one.pruned for one in best)
         found.append([now[i] for i in range(len(players))])
-        expected = np.stack([one.poses for one in found[-1]])
+        expected = np.stack([one.poses for one in found[-1]], axis=1)
     return Levels(board, tuple(zip(*found, strict=True)), evaluated, pruned)
 
 
@@ -164,10 +165,9 @@ def _same(now: list[Response], before: list[Response], but: int) -> bool:
 
 
 def _meetings(board: Board, acting: Sequence[int], expected: Array) -> Meetings:
-    """Acting players with all others, whose poses (p, T, m, 4) are expected."""
+    """Acting players with all others, whose poses (4, p, T, m) are expected."""
     count = len(board.players)
     others = np.array([[j for j in range(count) if j != i] for i in acting], int)
     others = others.reshape(len(acting), count - 1)
-    return Meetings(
-        board.half[[*acting]], expected[others], board.half[others], np.ones(others.shape)
-    )
+    moves = np.ascontiguousarray(expected[:, others].swapaxes(2, 3))
+    return Meetings(board.half[[*acting]], moves, board.half[others], np.ones(others.shape))

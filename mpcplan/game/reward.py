@@ -34,7 +34,7 @@ class Meetings:
 
     Attributes:
         half: (p, 2) half lengths and widths [m] of the players.
-        others: (p, o, T, m, 4) poses of the others on the map during each action, columns
+        others: (4, p, T, o, m) poses of the others on the map during each action, rows
             :class:`mpcplan.game.way.Pose`.
         extents: (p, o, 2) half lengths and widths [m] of the others.
         weight: (p, o) how much each of them counts.
@@ -67,22 +67,28 @@ def pair_rewards(
         meetings: the players and the others.
         who: (n,) the acting player, as row of ``meetings``.
         layer: (n,) which of its actions it is, the first one 0.
-        poses: (n, m, 4) its poses during the action; columns :class:`Pose`.
+        poses: (4, n, m) its poses during the action; rows :class:`Pose`.
         config: the game.
     """
     total = np.zeros(len(who))
-    others = meetings.others[who, :, layer]
-    row, other, instant = np.nonzero(_near(meetings, who, poses, others, config))
-    if not len(row):
+    _, _, depth, count, instants = meetings.others.shape
+    known = meetings.others.reshape(len(Pose), -1, count, instants)
+    others = known.take(who * depth + layer, axis=1)
+    near = np.flatnonzero(_near(meetings, who, poses, others, config))
+    if not len(near):
         return total
-    half, extents = meetings.half[who[row]].T, meetings.extents[who[row], other].T
-    seen = _seen(poses[row, instant], others[row, other, instant])
+    pair, instant = np.divmod(near, instants)
+    row, other = np.divmod(pair, count)
+    half = meetings.half.T.take(who[row], axis=1)
+    extents = meetings.extents.reshape(-1, 2).T.take(who[row] * count + other, axis=1)
+    own = poses.reshape(len(Pose), -1).take(row * instants + instant, axis=1)
+    seen = _seen(own, others.reshape(len(Pose), -1).take(near, axis=1))
     for (longer, wider), cost in zip(
         _grown(config), (config.collision, config.safe_distance), strict=True
     ):
         hit = _overlap(seen, half[0] + longer, half[1] + wider, extents[0] + longer,
                        extents[1] + wider)  # fmt: skip
-        flags = np.zeros((others.shape[1], len(who)), bool)
+        flags = np.zeros((count, len(who)), bool)
         flags[other[hit], row[hit]] = True
         # one of the others after the next, so that sums do not depend on how many rows there are
         for number in np.flatnonzero(flags.any(axis=1)):
@@ -101,8 +107,8 @@ def _near(meetings: Meetings, who: Array, poses: Array, others: Array, config: G
     most = np.max(_grown(config), axis=0)
     one, other = meetings.half + most, meetings.extents + most
     reach = np.hypot(*one.T)[:, None] + np.hypot(other[..., 0], other[..., 1])
-    dx = others[..., Pose.X] - poses[:, None, :, Pose.X]
-    dy = others[..., Pose.Y] - poses[:, None, :, Pose.Y]
+    dx = others[Pose.X] - poses[Pose.X, :, None]
+    dy = others[Pose.Y] - poses[Pose.Y, :, None]
     near: Array = dx * dx + dy * dy < (reach * reach)[who][:, :, None]
     return near
 
@@ -120,9 +126,9 @@ class _Seen(NamedTuple):
 
 
 def _seen(own: Array, other: Array) -> _Seen:
-    """For poses (p, 4) of the first and the second rectangles."""
-    x1, y1, c1, s1 = own.T
-    x2, y2, c2, s2 = other.T
+    """For poses (4, p) of the first and the second rectangles."""
+    x1, y1, c1, s1 = own
+    x2, y2, c2, s2 = other
     dx, dy = x2 - x1, y2 - y1
     return _Seen(
         np.abs(dx * c1 + dy * s1), np.abs(dy * c1 - dx * s1),

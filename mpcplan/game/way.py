@@ -46,7 +46,7 @@ class Place(IntEnum):
 
 
 class Pose(IntEnum):
-    """Columns of poses on the map: m, m, and the heading's cosine and sine."""
+    """Rows of poses on the map: m, m, and the heading's cosine and sine."""
 
     X = 0
     Y = 1
@@ -92,7 +92,7 @@ class Way:
     def pose(self, place: Array) -> Array:
         """(4,) pose on the map, columns :class:`Pose`, of a place (4,), columns :class:`Place`."""
         s, d, mu, _ = place[:, None]
-        found: Array = self._alone.poses(np.zeros(1, int), s, d, np.cos(mu), np.sin(mu))[0]
+        found: Array = self._alone.poses(np.zeros(1, int), s, d, np.cos(mu), np.sin(mu))[:, 0]
         return found
 
     def centre(self, s: float) -> tuple[float, float, float]:
@@ -166,14 +166,14 @@ class Ways:
         return x + share * dx, y + share * dy, heading
 
     def poses(self, who: Array, s: Array, d: Array, cos_mu: Array, sin_mu: Array) -> Array:
-        """(n, ..., 4) poses on the map, columns :class:`Pose`, on ways (n,)."""
+        """(4, n, ...) poses on the map, rows :class:`Pose`, on ways (n,)."""
         x, y, heading = self.centres(who, s)
         cos, sin = np.cos(heading), np.sin(heading)
-        found = np.empty((*s.shape, len(Pose)))
-        found[..., Pose.X] = x - sin * d
-        found[..., Pose.Y] = y + cos * d
-        found[..., Pose.COS] = cos * cos_mu - sin * sin_mu
-        found[..., Pose.SIN] = sin * cos_mu + cos * sin_mu
+        found = np.empty((len(Pose), *s.shape))
+        found[Pose.X] = x - sin * d
+        found[Pose.Y] = y + cos * d
+        found[Pose.COS] = cos * cos_mu - sin * sin_mu
+        found[Pose.SIN] = sin * cos_mu + cos * sin_mu
         return found
 
 
