@@ -50,7 +50,9 @@ class Board:
     def poses(self, who: Array, rows: Array) -> Array:
         """(4, n, m) poses of players (n,) during actions, at rows (n,) of their trees."""
         columns = (Column.S, Column.D, Column.COS, Column.SIN)
-        return self._ways.poses(who, *(self._states[column, who, rows] for column in columns))
+        at = who * self._states.shape[2] + rows
+        flat = self._states.reshape(len(Column), -1, self.config.substeps)
+        return self._ways.poses(who, *(flat[column].take(at, axis=0) for column in columns))
 
     def best(
         self, acting: Sequence[int], meetings: Meetings, likely: Sequence[Array], keep: int = 1
