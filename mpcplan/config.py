@@ -220,6 +220,53 @@ class SeedConfig(Section):
     finalists: int = par(2, "1", "candidates that are handed on to the refinement", ge=1, le=10)
 
 
+class GameConfig(Section):
+    """The level-k game at intersections without traffic lights."""
+
+    enabled: bool = par(False, "", "play the level-k game where ways meet without traffic lights")
+    actions: int = par(3, "1", "actions in a row that every player considers (T)", ge=1, le=4)
+    step: float = par(1.0, "s", "duration of one action", ge=0.2, le=3)
+    substeps: int = par(
+        4, "1", "instants of every action at which rewards look at the players", ge=1, le=20
+    )
+    agents: int = par(4, "1", "other players at most, the nearest in time", ge=1, le=8)
+    collision: float = par(
+        10000.0, "1", "cost of each action in which bodies touch (w1)", ge=0, le=1e9
+    )
+    safe_distance: float = par(
+        1000.0, "1", "cost of each action in which safety zones overlap (w2)", ge=0, le=1e9
+    )
+    off_road: float = par(1000.0, "1", "cost of each action off the road (w3)", ge=0, le=1e9)
+    lane: float = par(
+        100.0, "1", "cost of each action out of the lane or against it (w4)", ge=0, le=1e9
+    )
+    distance: float = par(
+        1.0, "1/m", "cost of the distance to the target after each action (w5)", ge=0, le=1e6
+    )
+    margin: float = par(0.2, "m", "gap below which bodies count as touching", ge=0, le=2)
+    zone_length: float = par(
+        1.5, "m", "how far a safety zone reaches ahead of and behind a body", ge=0, le=30
+    )
+    zone_width: float = par(
+        0.2, "m", "how far a safety zone reaches to either side of a body", ge=0, le=5
+    )
+    learning: float = par(
+        0.2, "1", "what the level gains in belief that fits an observed action", ge=0, le=10
+    )
+    prior: tuple[Annotated[float, Field(gt=0, le=1)], ...] = par(
+        (1.0, 1.0, 1.0),
+        "1",
+        "how likely levels 0, 1 and 2 are before anything is observed, in proportion",
+        min_length=3,
+        max_length=3,
+    )
+    look: float = par(60.0, "m", "ways that meet within this distance matter", gt=0, le=300)
+    window: float = par(
+        6.0, "s", "others matter who can be at a meeting of ways within this time", gt=0, le=30
+    )
+    told: int = par(5, "1", "best sequences of actions that a decision tells", ge=1, le=100)
+
+
 class RefineConfig(Section):
     """The optimal-control problem and its solution by sequential quadratic programming."""
 
@@ -399,6 +446,7 @@ class Config(Section):
     road: RoadConfig = par(RoadConfig(), "", "route, reference path and limits")
     predict: PredictConfig = par(PredictConfig(), "", "prediction of the other vehicles")
     seed: SeedConfig = par(SeedConfig(), "", "the sampled lattice")
+    game: GameConfig = par(GameConfig(), "", "the level-k game")
     refine: RefineConfig = par(RefineConfig(), "", "the optimal-control problem")
     verify: VerifyConfig = par(VerifyConfig(), "", "checks before execution")
     rules: RulesConfig = par(RulesConfig(), "", "traffic rules")

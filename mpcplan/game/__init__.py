@@ -1,0 +1,1 @@
+"""The level-k game with others at intersections without traffic lights."""
