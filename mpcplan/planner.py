@@ -1,6 +1,6 @@
 """The planner: one cycle as a pipeline from an observation to a verified plan.
 
-    1. predict the others        2. project them onto the road        3. find seeds
+    1. predict the others        2. play the level-k game (if asked for)        3. find seeds
     4. refine the best of them   5. verify                            6. fall back where needed
 
 Order of fallbacks: the refined seed; the seed itself, driven by feedback; what is left of the last
@@ -9,11 +9,14 @@ that trusts who follows; emergency braking along the lane. Each fall is in the p
 """
 
 from dataclasses import replace
-from functools import partial
 
+from mpcplan.choice import choose
 from mpcplan.config import Config
 from mpcplan.cycle import Cycle
-from mpcplan.develop import KEPT, LAST_PLAN, Developer
+from mpcplan.develop import LAST_PLAN, Developer
+from mpcplan.game.decide import Decision
+from mpcplan.game.match import Match, Played
+from mpcplan.guessing import for_guesses, without_haste
 from mpcplan.observation import Forecast, Observation
 from mpcplan.plan import Clock, Option, Plan
 from mpcplan.predict.occupancy import Occupancy
@@ -21,6 +24,7 @@ from mpcplan.predict.predictor import make_predictor
 from mpcplan.refine.refine import Watch
 from mpcplan.road.road import Road, build_roads, with_strips
 from mpcplan.seed.candidates import Effort, distinct, find_seeds
+from mpcplan.seed.level_k import LEVEL_K
 from mpcplan.seed.seed import Seed, SeedReport, merged, words
 from mpcplan.seed.track import frenet_states
 from mpcplan.task import Task
@@ -28,9 +32,7 @@ from mpcplan.trajectory import Trajectory
 from mpcplan.verify.guard import Guard
 
 HOPEFUL = "hopeful"  # before the source of a plan that counts on the others' making way
-CLEARLY_LONGER = 5  # time steps
 RISEN = 2.0  # of cost, since the plan was decided on
-REASONS = 3  # told in a fallback
 WORTHWHILE = 0.97  # a new seed is refined beside the last plan if its cost is below this share
 
 
@@ -53,8 +55,8 @@ class Planner:
         """
         config = config or Config()
         known = task.recorded is not None and config.predict.kind in ("auto", "recorded")
-        self.config = config if known else _for_guesses(config)
-        self._calm = _without_haste(self.config)
+        self.config = config if known else for_guesses(config)
+        self._calm = without_haste(self.config)
         self.problem, self.dt = task.problem, task.dt
         goal = task.problem.planning_problem
         self.roads = build_roads(task.road_map, goal, self.config.road)
@@ -65,6 +67,9 @@ class Planner:
         self._guard = Guard(self.config, self.dt)
         self._developer = Developer(goal, self._guard, self.config, self.dt, watch)
         self._calm_developer = Developer(goal, self._guard, self._calm, self.dt, watch)
+        plays = self.config.game.enabled and not known
+        network = task.road_map.lanelet_network
+        self._match = Match(network, self.config, self.dt) if plays else None
         self._last: Option | None = None
         self._decided = float("inf")  # what the last plan was expected to cost
         self._driven: tuple[Trajectory, Forecast] | None = None
@@ -76,10 +81,12 @@ class Planner:
         with clock("predict"):
             forecast = self._predict(observation)
         cycle = Cycle(observation, forecast, clock, [], self._occupancies)
-        options, reports, refusals = self._options(cycle)
+        played = self._play(cycle)
+        options, reports, refusals = self._options(cycle, played)
         if not options:
             cycle.notes.extend(words(report) for report in reports)
-        chosen, fallback = self._choose(cycle, options, refusals)
+        road = self._current_road
+        chosen, fallback = choose(cycle, self._guard, road, options, refusals)
         if self._last is None or chosen.seed is None or not chosen.source.startswith(LAST_PLAN):
             self._decided = chosen.cost
         self._last = chosen if chosen.seed is not None else None
@@ -88,6 +95,7 @@ class Planner:
             "step": observation.step,
             "source": chosen.source,
             "chosen": chosen.as_dict(),
+            "game": played.as_dict() if played is not None else None,
             "seeds": {r.source: r.as_dict() for r in reports},
             "refusals": "; ".join(words(report) for report in reports),
             "options": [option.as_dict() for option in options],
@@ -114,7 +122,16 @@ class Planner:
 
     # -- seeds ----------------------------------------------------------------------------------
 
-    def _options(self, cycle: Cycle) -> tuple[list[Option], list[SeedReport], list[Option]]:
+    def _play(self, cycle: Cycle) -> Played | None:
+        """The level-k game on the present road, where it is asked for."""
+        if self._match is None:
+            return None
+        with cycle.clock("game"):
+            return self._match.play(cycle.observation, self._current_road)
+
+    def _options(
+        self, cycle: Cycle, played: Played | None
+    ) -> tuple[list[Option], list[SeedReport], list[Option]]:
         """Verified options (best first), the seed reports, and the options that were refused."""
         options: list[Option] = []
         refused: list[Option] = []
@@ -126,14 +143,16 @@ class Planner:
         if cycle.forecast.exact and any(o.reaches_goal and o.settled for o in options):
             return options, [], refused  # nothing new can be learnt, and nothing more be gained
         worse = goes_on and self._has_become_worse(cycle, options)
-        seeds, reports = self._seeds(cycle, goes_on, worse)
+        seeds, reports = self._seeds(cycle, goes_on, worse, played)
         if options:
             bar = WORTHWHILE * min(option.cost for option in options)
             seeds = [s for s in seeds if (s.reaches_goal or not goes_on) and s.cost < bar]
         if not goes_on and not any(seed.reaches_goal for seed in seeds):
             self._hope(cycle, options, refused)
         if goes_on or not any(option.reaches_goal for option in options):
-            for seed in distinct(seeds, 1 if goes_on else self.config.seed.finalists):
+            finalists = distinct(seeds, 1 if goes_on else self.config.seed.finalists)
+            decided = [seed for seed in seeds if seed.source == LEVEL_K and seed not in finalists]
+            for seed in finalists + decided:
                 self._developer.develop(cycle, seed, options, refused)
         if not options and self._calm is not self.config:
             self._take_time(cycle, options, refused)
@@ -178,7 +197,7 @@ class Planner:
         return True
 
     def _seeds(
-        self, cycle: Cycle, goes_on: bool, worse: bool = False
+        self, cycle: Cycle, goes_on: bool, worse: bool, played: Played | None
     ) -> tuple[list[Seed], list[SeedReport]]:
         """Seeds of the present road, and of the others where the last plan does not go on."""
         current, found = self._current_road, []
@@ -188,21 +207,27 @@ class Planner:
             effort = Effort.ALWAYS if road is current else Effort.IF_NEEDED
             if goes_on:
                 effort = Effort.PLAIN if worse else Effort.NEVER
-            seeds, told = self._seeds_of(cycle, road, effort)
+            decision = played.decision if played is not None and road is current else None
+            seeds, told = self._seeds_of(cycle, road, effort, decision=decision)
             found += seeds
             reports += told
         found.sort(key=lambda seed: (not seed.reaches_goal, seed.cost))
         return found, merged(reports)
 
     def _seeds_of(
-        self, cycle: Cycle, road: Road, effort: Effort, config: Config | None = None
+        self,
+        cycle: Cycle,
+        road: Road,
+        effort: Effort,
+        config: Config | None = None,
+        decision: Decision | None = None,
     ) -> tuple[list[Seed], list[SeedReport]]:
         """Seeds of one road, with the planner's configuration or another one."""
         seen, around = cycle.observation, cycle.around(road)
         with cycle.clock("seed"):
             return find_seeds(
                 road, seen.state, seen.acceleration, seen.step, around, config or self.config,
-                self.dt, effort,
+                self.dt, effort, decision,
             )  # fmt: skip
 
     def _continue(self, cycle: Cycle) -> tuple[Seed, Trajectory, bool] | None:
@@ -218,74 +243,3 @@ class Planner:
             seed.road, seen.step, states, last.cost, last.reaches_goal, LAST_PLAN, seed.label
         )
         return again, rest, last.settled or not last.reaches_goal
-
-    # -- choice and fallbacks ---------------------------------------------------------------------
-
-    def _choose(
-        self, cycle: Cycle, options: list[Option], refused: list[Option]
-    ) -> tuple[Option, str | None]:
-        """The best option, or the next fallback with what led to it."""
-        reasons = [f"{option.source}: {option.finding}" for option in refused] + cycle.notes
-        if options:
-            best = options[0]
-            if best.source == KEPT and reasons:
-                return best, _why("the last plan goes on", reasons)
-            if best.source.endswith("unrefined"):
-                return best, _why("the seed is driven", reasons or ["it could not be improved"])
-            return best, None
-        return self._fall_back(cycle, refused, reasons)
-
-    def _fall_back(
-        self, cycle: Cycle, refused: list[Option], reasons: list[str]
-    ) -> tuple[Option, str]:
-        """What is driven where no plan passes: one that may be broken off later, one that trusts
-        who follows, or braking."""
-        seen, forecast, guard = cycle.observation, cycle.forecast, self._guard
-        if not forecast.exact:
-            best = sorted(refused, key=lambda o: (not o.reaches_goal, o.cost))
-            for what, passes in (
-                ("a plan that can still be broken off is driven", guard.until_next),
-                ("a plan that trusts who follows is driven", partial(guard.verify, trusting=True)),
-            ):
-                for option in best:
-                    assert option.seed is not None  # only emergency braking has none
-                    if passes(option.trajectory, option.seed.road, forecast, seen.step).ok:
-                        return option, _why(what, reasons)
-        road = self._current_road
-        trajectory, finding = self._guard.emergency(road, seen.state, seen.step, forecast)
-        stop = Option(trajectory, None, float("inf"), False, finding, "emergency braking")
-        if not finding.ok and refused:
-            # nothing is safe to the end: braking, unless another plan stays safe clearly longer
-            last = max(refused, key=lambda o: (o.finding.step or 0, o.reaches_goal))
-            if (last.finding.step or 0) >= (finding.step or 0) + CLEARLY_LONGER:
-                what = "no plan is safe to its end; the one safe longest is driven"
-                return last, _why(what, reasons)
-        return stop, _why("emergency braking", reasons)
-
-
-def _for_guesses(config: Config) -> Config:
-    """The configuration for others whose motion is a guess: the last moment may be too late, and
-    what counts on their motion far ahead (later lane changes, further routes, the jerk at the
-    drive's end) is not worth it."""
-    reserve = max(config.cost.reserve, config.predict.reserve)
-    haste = max(config.cost.haste, config.predict.haste)
-    cost = config.cost.model_copy(update={"reserve": reserve, "haste": haste, "edges": False})
-    variants = min(config.road.variants, config.predict.variants)
-    changes = {
-        "cost": cost,
-        "road": config.road.model_copy(update={"variants": variants}),
-        "seed": config.seed.model_copy(update={"delays": (), "shortest": False}),
-    }
-    return config.model_copy(update=changes)
-
-
-def _without_haste(config: Config) -> Config:
-    """The same configuration without haste; itself where there is none."""
-    if not config.cost.haste:
-        return config
-    return config.model_copy(update={"cost": config.cost.model_copy(update={"haste": 0.0})})
-
-
-def _why(what: str, reasons: list[str]) -> str:
-    """A fallback in words, with what led to it."""
-    return f"{what}: " + ("; ".join(reasons[:REASONS]) or "no seed was found")

@@ -481,17 +481,6 @@ def test_in_haste_each_second_before_the_last_crossing_costs():
     assert most_waiting[0] < most_waiting[1]
 
 
-def test_the_search_also_leads_around_who_stands_in_the_way():
-    """Four metres wide, it leaves room on one side only."""
-    frame = frame_of(straight, 250.0)
-    road = road_of(frame, GoalWindow(60, 80, (80.0, 200.0), (-6.0, 6.0), None, None), left=6.0)
-    around = occupancy_of(frame, 90, Track(55.0, 0.0, 0.0))
-    state = state_at(frame, 30.0, v=5.0)
-    seeds, _ = find_seeds(road, state, 0.0, 0, around, configured(), DT, Effort.ALWAYS)
-    found = [seed for seed in seeds if seed.source == "search" and seed.reaches_goal]
-    assert any(np.interp(55.0, s.states[:, Stage.S], s.states[:, Stage.D]) > 1.8 for s in found)
-
-
 def test_seeds_come_cheapest_first_and_differ():
     seeds = lattice_seeds(configured(seed={"finalists": 6, "delays": ()}), Track(60.0, 0.0, 7.0))
     costs = [seed.cost for seed in seeds]
@@ -597,6 +586,29 @@ def test_the_search_finds_a_way_through_gates_that_the_lattice_misses():
         inside = (front > s - 0.25) & (best.states[:, Stage.S] - 0.64 < s + 0.25)
         times = DT * np.flatnonzero(inside)
         assert opens - 0.01 <= times.min() and times.max() <= closes + 0.01
+
+
+def test_the_search_leads_around_who_stands_in_the_way_where_nothing_else_leads_on():
+    """Gates further on, and before them a car that stands across the lane."""
+    goal = GoalWindow(110, 120, (126.0, 160.0), (-0.5, 0.5), None, None)
+    road = straight_road(goal)
+    state = state_at(road.frame, 30.0, v=9.0)
+    later = [(s + 36.0, opens + 3.2, closes + 3.2) for s, opens, closes in GATES]
+    free = gates(road.frame, 130, *later)
+    stood = gates(road.frame, 130, *later, (55.0, 99.0, 99.0))
+    for values in (stood.d, stood.d_low, stood.d_high):
+        values[-1] -= 7.0 + 0.2  # its left side lies 0.2 m to the right of the lane's centre
+    for values in (stood.x, stood.y):
+        values[-1] = values[-1, 0]
+    stood.y[-1] -= 7.2
+    seeds, reports = find_seeds(road, state, 0.0, 0, stood, Config(), DT, Effort.ALWAYS)
+    told = {report.source: report for report in reports}
+    assert told["lattice"].reaching_goal == told["search"].reaching_goal == 0
+    assert told["search around"].reaching_goal >= 1
+    s, d = (seeds[0].states[:, column] for column in (Stage.S, Stage.D))
+    assert seeds[0].reaches_goal and np.interp(55.0, s, d) > -0.2 + 0.8
+    reports = find_seeds(road, state, 0.0, 0, free, Config(), DT, Effort.ALWAYS)[1]
+    assert "search around" not in {report.source for report in reports}
 
 
 def test_effort_says_when_the_search_runs():

@@ -1,15 +1,18 @@
 """All seeds of one road: the lattice's best, and where asked for those of the speed search."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from enum import Enum
 
 import numpy as np
 
 from mpcplan.config import Config, SeedConfig
+from mpcplan.game.decide import Decision
 from mpcplan.predict.occupancy import Occupancy
 from mpcplan.road.road import Road
 from mpcplan.seed.blocked import Blocked, block
 from mpcplan.seed.lattice import Lattice, differ, lattice
+from mpcplan.seed.level_k import level_k_seed
 from mpcplan.seed.paths import Paths
 from mpcplan.seed.rules import seed_cost
 from mpcplan.seed.search import ACTUATOR_SHARE, as_seed, search
@@ -33,12 +36,13 @@ class Effort(Enum):
 
 def find_seeds(
     road: Road, state: Array, acceleration: float, step: int, occupancy: Occupancy,
-    config: Config, dt: float, effort: Effort,
+    config: Config, dt: float, effort: Effort, decision: Decision | None = None,
 ) -> tuple[list[Seed], list[SeedReport]]:  # fmt: skip
     """Seeds along one road, the cheapest first, with the reports of their sources.
 
     Args:
         effort: when the speed search runs beside the lattice.
+        decision: of the level-k game on this road, which becomes a seed too.
     """
     if effort is Effort.NEVER:  # there is a plan already, with its lane changes when they are due
         config = config.model_copy(update={"seed": config.seed.model_copy(update={"delays": ()})})
@@ -46,22 +50,39 @@ def find_seeds(
     seeds, reports = list(grid.seeds), [grid.report]
     reached = any(seed.reaches_goal for seed in seeds)
     always = effort in (Effort.ALWAYS, Effort.PLAIN)
-    asked = always or (effort is Effort.IF_NEEDED and not reached)
-    if config.seed.search and asked:
-        plain, passing = _paths_to_search(grid.paths, grid.motion.v, config.seed)
-        found, report = _searched(road, grid, grid.blocked, plain, "search", step, config, dt)
-        seeds, reports = seeds + found, [*reports, report]
-        if effort is not Effort.PLAIN and not any(seed.reaches_goal for seed in seeds):
-            near = block(grid.window, grid.paths, _tight(config), config.cost)
-            found, report = _searched(road, grid, near, plain, "tight search", step, config, dt)
-            seeds, reports = seeds + found, [*reports, report]
-        if passing and not any(seed.reaches_goal for seed in seeds):
-            found, report = _searched(
-                road, grid, grid.blocked, passing, "search around", step, config, dt
-            )
-            seeds, reports = seeds + found, [*reports, report]
+    if config.seed.search and (always or (effort is Effort.IF_NEEDED and not reached)):
+        for found, report in _searches(road, grid, step, config, dt, effort, reached):
+            seeds += found
+            reports.append(report)
+    if decision is not None:
+        found, report = level_k_seed(
+            road, grid.paths, grid.blocked, grid.window, grid.motion, decision, step, config, dt
+        )
+        seeds += _with_rules(found, grid, config, dt)
+        reports.append(report)
     seeds.sort(key=lambda seed: (not seed.reaches_goal, seed.cost))
     return seeds, reports
+
+
+def _searches(
+    road: Road, grid: Lattice, step: int, config: Config, dt: float, effort: Effort, reached: bool
+) -> Iterator[tuple[list[Seed], SeedReport]]:
+    """What the speed search finds: along plain paths, and as long as nothing reaches the goal with
+    narrower margins, and along paths that lead around slow obstacles."""
+    plain, passing = _paths_to_search(grid.paths, grid.motion.v, config.seed)
+
+    def searched(paths: list[int], blocked: Blocked, source: str) -> tuple[list[Seed], SeedReport]:
+        nonlocal reached
+        found, report = _searched(road, grid, blocked, paths, source, step, config, dt)
+        reached = reached or any(seed.reaches_goal for seed in found)
+        return found, report
+
+    yield searched(plain, grid.blocked, "search")
+    if not reached and effort is not Effort.PLAIN:
+        near = block(grid.window, grid.paths, _tight(config), config.cost)
+        yield searched(plain, near, "tight search")
+    if not reached and passing:
+        yield searched(passing, grid.blocked, "search around")
 
 
 def _tight(config: Config) -> SeedConfig:
@@ -85,10 +106,17 @@ def _searched(
         v, a = grid.motion.v, grid.motion.a
         found = search(road, grid.paths, blocked, path, v, a, step, config, dt)
         if found is not None:
-            seed = as_seed(road, grid.paths, path, a, found, source, step, dt)
-            seeds.append(replace(seed, cost=seed.cost + seed_cost(seed, grid.window, config, dt)))
+            seeds.append(as_seed(road, grid.paths, path, a, found, source, step, dt))
     reaching = sum(seed.reaches_goal for seed in seeds)
-    return seeds, SeedReport(source, len(wanted), len(seeds), reaching)
+    report = SeedReport(source, len(wanted), len(seeds), reaching)
+    return _with_rules(seeds, grid, config, dt), report
+
+
+def _with_rules(seeds: list[Seed], grid: Lattice, config: Config, dt: float) -> list[Seed]:
+    """The seeds with what they cost for breaking the rules."""
+    return [
+        replace(seed, cost=seed.cost + seed_cost(seed, grid.window, config, dt)) for seed in seeds
+    ]
 
 
 def _paths_to_search(paths: Paths, v: float, config: SeedConfig) -> tuple[list[int], list[int]]:

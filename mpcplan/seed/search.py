@@ -74,9 +74,21 @@ class Tables:
 
 def search(
     road: Road, paths: Paths, blocked: Blocked, path: int, v: float, a: float, step: int,
-    config: Config, dt: float,
+    config: Config, dt: float, held: Array | None = None,
 ) -> tuple[Array, Array, float, bool] | None:  # fmt: skip
     """The best speed profile along one path.
+
+    Args:
+        road: the road.
+        paths: candidate paths.
+        blocked: where others are in their way.
+        path: index of the path.
+        v: present speed [m/s].
+        a: acceleration in the step before [m/s^2].
+        step: present time step.
+        config: the configuration.
+        dt: time step [s].
+        held: (k,) accelerations [m/s^2] with which the profile begins, None: free from now on.
 
     Returns:
         Accelerations (k,), speeds (k + 1,), cost and whether it ends in a goal window; None where
@@ -85,8 +97,8 @@ def search(
     tables = tables_of(road, paths, blocked, path, step, config)
     fits = [pose_fits(goal, road, paths)[path] for goal in road.goals]
     bounds = layer_bounds(road, step, blocked.owner.shape[1] - 1, config.seed.search_steps)
-    layers, best = [start_label(v, a)], None
-    for last in grow_layers(layers, tables, bounds, config.seed.search_labels, config, dt):
+    layers, best, most = [start_label(v, a)], None, config.seed.search_labels
+    for last in grow_layers(layers, tables, bounds, most, config, dt, held):
         hit = _goal_label(road, fits, layers[-1], tables, step + last)
         if hit is not None and (best is None or layers[-1].cost[hit] < best[0]):
             best = (float(layers[-1].cost[hit]), len(layers) - 1, hit)
@@ -106,12 +118,18 @@ def start_label(v: float, a: float) -> Labels:
 
 
 def grow_layers(
-    layers: list[Labels], tables: Tables, bounds: list[int], most: int, config: Config, dt: float
-) -> Iterator[int]:
-    """Adds layer after layer, until all is blocked; yields the time step (from now) of each."""
+    layers: list[Labels], tables: Tables, bounds: list[int], most: int, config: Config, dt: float,
+    held: Array | None = None,
+) -> Iterator[int]:  # fmt: skip
+    """Adds layer after layer, until all is blocked; yields the time step (from now) of each.
+
+    ``held``: (k,) accelerations [m/s^2] at first, of which each layer takes the mean.
+    """
     coarse = LONG_CELLS if bounds[-1] > LONG_STEPS else 1.0
+    free, given = np.array(config.seed.search_actions), 0 if held is None else len(held)
     for first, last in pairwise(bounds):
-        grown = _grow(layers[-1], tables, first, last, config, dt)
+        actions = free if held is None or first >= given else held[first:last].mean(keepdims=True)
+        grown = _grow(layers[-1], tables, first, last, actions, config, dt)
         if grown is None:
             return
         layers.append(_prune(grown, most, coarse))
@@ -151,10 +169,9 @@ def layer_bounds(road: Road, step: int, last: int, moves: int) -> list[int]:
 
 
 def _grow(
-    labels: Labels, tables: Tables, first: int, last: int, config: Config, dt: float
+    labels: Labels, tables: Tables, first: int, last: int, actions: Array, config: Config, dt: float
 ) -> Labels | None:
     """All successors of a layer that are not blocked, None where there are none."""
-    actions = np.array(config.seed.search_actions)
     parent = np.repeat(np.arange(len(labels.v)), len(actions))
     a = np.tile(actions, len(labels.v))
     sigma, v, cost = labels.sigma[parent], labels.v[parent], labels.cost[parent]
