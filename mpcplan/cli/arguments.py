@@ -7,7 +7,7 @@ from typing import Any
 
 from mpcplan.cli.many import bench, compete
 from mpcplan.cli.solve import evaluate, solve
-from mpcplan.cli.tools import bench_solvers, bound, compare, config, forecasts, twin
+from mpcplan.cli.tools import bench_solvers, bound, compare, config, explain, forecasts, twin
 
 
 def parser() -> argparse.ArgumentParser:
@@ -21,6 +21,12 @@ def parser() -> argparse.ArgumentParser:
     one.add_argument("--out", type=Path, help="folder for the results (default: out/<id>)")
     _add_planner(one)
     _add_config(one)
+
+    why = _command(commands, "explain", explain, "tell in words what a run did and why")
+    why.add_argument(
+        "run_folder", type=Path, metavar="RUN", help="folder of `solve`, or a trace of `bench`"
+    )
+    why.add_argument("--step", type=int, metavar="K", help="tell the cycle of this time step")
 
     judge = _command(commands, "evaluate", evaluate, "judge a solution by the official checker")
     judge.add_argument("scenario", type=Path, metavar="SCENARIO", help="CommonRoad XML file")

@@ -1,4 +1,4 @@
-"""The other commands: bound, bench-solvers, compare, forecasts, twin, config."""
+"""The other commands: explain, bound, bench-solvers, compare, forecasts, twin, config."""
 
 import argparse
 import os
@@ -6,6 +6,17 @@ import os
 from mpcplan.cli.common import FAILED, OK, made_folder
 from mpcplan.console import doing, progress, quiet
 from mpcplan.errors import InputError, MpcplanError
+
+
+def explain(args: argparse.Namespace) -> int:
+    """Tell in words what a run did and why."""
+    from mpcplan.explain.cycle import cycle_lines
+    from mpcplan.explain.read import read_trace
+    from mpcplan.explain.run import run_lines
+
+    trace = read_trace(args.run_folder)
+    print("\n".join(run_lines(trace) if args.step is None else cycle_lines(trace, args.step)))
+    return OK
 
 
 def bound(args: argparse.Namespace) -> int:

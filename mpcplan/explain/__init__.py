@@ -1,0 +1,1 @@
+"""What a run did and why, in words, from its trace."""
