@@ -1,12 +1,13 @@
 """Where a path is blocked: (time step, sigma) grids of the obstacles for every candidate path.
 
 blocked[p, k, n]: the body, with its rear axle at sample n of path p at time step k, comes within
-the margins of an obstacle's predicted rectangle (in the Frenet frame).
+the margins of an obstacle's predicted rectangle (in the Frenet frame; in the plane where the path
+bends or the rectangle is turned).
 lead[p, k, n]: distance from the body's centre to the nearest obstacle ahead that TR1 counts: its
 centre lies within 2.8 m laterally and ahead (infinity where there is none).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,17 +39,27 @@ class Blocked:
 
 def block(occupancy: Occupancy, paths: Paths, config: SeedConfig, cost: CostConfig) -> Blocked:
     """Both grids for an occupancy whose columns are the time steps of the profiles."""
+    lead = np.stack([_lead(occupancy, paths, path, cost) for path in range(len(paths.s))])
+    clear = last_crossing(occupancy, occupancy.first_step, float(paths.s[0, 0]))
+    return Blocked(_owners(occupancy, paths, config), lead, clear)
+
+
+def with_margins(
+    blocked: Blocked, occupancy: Occupancy, paths: Paths, config: SeedConfig
+) -> Blocked:
+    """The same grids for other margins; distances to who is ahead do not depend on them."""
+    return replace(blocked, owner=_owners(occupancy, paths, config))
+
+
+def _owners(occupancy: Occupancy, paths: Paths, config: SeedConfig) -> Array:
+    """(p, k, n) rows of the obstacles that block, -1 where nobody does."""
     p, n = paths.s.shape
-    k = occupancy.s.shape[1]
-    owner = np.full((p, k, n), -1, dtype=np.int32)
-    lead = np.full((p, k, n), np.inf)
+    owner = np.full((p, occupancy.s.shape[1], n), -1, dtype=np.int32)
     rows, steps = _relevant(occupancy, paths)
     margins = _margins(occupancy, paths, config)
     for path in range(p):
         _mark(owner[path], occupancy, rows, steps, margins, paths, path, config)
-        lead[path] = _lead(occupancy, paths, path, cost)
-    clear = last_crossing(occupancy, occupancy.first_step, float(paths.s[0, 0]))
-    return Blocked(owner, lead, clear)
+    return owner
 
 
 def _relevant(occupancy: Occupancy, paths: Paths) -> tuple[Array, Array]:

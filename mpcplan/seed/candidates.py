@@ -10,7 +10,7 @@ from mpcplan.config import Config, SeedConfig
 from mpcplan.game.decide import Decision
 from mpcplan.predict.occupancy import Occupancy
 from mpcplan.road.road import Road
-from mpcplan.seed.blocked import Blocked, block
+from mpcplan.seed.blocked import Blocked, with_margins
 from mpcplan.seed.lattice import Lattice, differ, lattice
 from mpcplan.seed.level_k import level_k_seed
 from mpcplan.seed.paths import Paths
@@ -79,7 +79,7 @@ def _searches(
 
     yield searched(plain, grid.blocked, "search")
     if not reached and effort is not Effort.PLAIN:
-        near = block(grid.window, grid.paths, _tight(config), config.cost)
+        near = with_margins(grid.blocked, grid.window, grid.paths, _tight(config))
         yield searched(plain, near, "tight search")
     if not reached and passing:
         yield searched(passing, grid.blocked, "search around")

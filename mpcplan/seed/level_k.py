@@ -6,6 +6,8 @@ from there on the speed search goes on. Who yields to the ego vehicle by the dec
 way: whether a plan that counts on that is safe is for verification to say.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from mpcplan.config import Config
@@ -66,4 +68,4 @@ def without_yielding(blocked: Blocked, window: Occupancy, decision: Decision) ->
     second = [i for i, order in decision.orders.items() if order is Order.GO]
     rows = np.flatnonzero(np.isin(window.ids, second))
     owner = np.where(np.isin(blocked.owner, rows), -1, blocked.owner)
-    return Blocked(owner, blocked.lead, blocked.clear)
+    return replace(blocked, owner=owner)
