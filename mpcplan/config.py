@@ -415,6 +415,21 @@ class DriveConfig(Section):
     steps_max: int = par(1000, "1", "time steps driven at most", ge=1, le=100000)
 
 
+class RiskConfig(Section):
+    """When to plan again sooner than usual."""
+
+    replan: float = par(
+        0.3,
+        "s",
+        "time between planning cycles where there is risk, if less than usual",
+        ge=0.1,
+        le=5,
+    )
+    look: float = par(30.0, "m", "way ahead in which bends and crossings count", gt=0, le=200)
+    curvature: float = par(0.08, "1/m", "curvature of the way from which it counts", gt=0, le=1)
+    gap: float = par(3.0, "m", "gap to the nearest body up to which it counts", ge=0, le=50)
+
+
 class BoundConfig(Section):
     """The clairvoyant optimum that results are compared with."""
 
@@ -451,4 +466,5 @@ class Config(Section):
     verify: VerifyConfig = par(VerifyConfig(), "", "checks before execution")
     rules: RulesConfig = par(RulesConfig(), "", "traffic rules")
     drive: DriveConfig = par(DriveConfig(), "", "the closed loop")
+    risk: RiskConfig = par(RiskConfig(), "", "when to plan again sooner")
     bound: BoundConfig = par(BoundConfig(), "", "the clairvoyant optimum")

@@ -22,6 +22,7 @@ class Plan:
         reaches_goal: whether the plan ends in the goal, or its seed does.
         finding: what verification said.
         trace: why this plan; JSON-able.
+        hold: time steps after which the next plan is due, where that is sooner than usual.
     """
 
     trajectory: Trajectory
@@ -29,6 +30,7 @@ class Plan:
     reaches_goal: bool
     finding: Finding
     trace: dict[str, Any]
+    hold: int | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,6 +22,7 @@ from mpcplan.plan import Clock, Option, Plan
 from mpcplan.predict.occupancy import Occupancy
 from mpcplan.predict.predictor import make_predictor
 from mpcplan.refine.refine import Watch
+from mpcplan.risk import risks
 from mpcplan.road.road import Road, build_roads, with_strips
 from mpcplan.seed.candidates import Effort, distinct, find_seeds
 from mpcplan.seed.level_k import LEVEL_K
@@ -91,6 +92,7 @@ class Planner:
             self._decided = chosen.cost
         self._last = chosen if chosen.seed is not None else None
         self._driven = chosen.trajectory, forecast
+        risks_now = self._risks(cycle)
         trace = {
             "step": observation.step,
             "source": chosen.source,
@@ -102,9 +104,20 @@ class Planner:
             "refine": chosen.refined.as_dict() if chosen.refined is not None else None,
             "verify": chosen.finding.as_dict(),
             "fallback": fallback,
+            "risks": list(risks_now),
             "times_ms": clock.milliseconds(),
         }
-        return Plan(chosen.trajectory, chosen.source, chosen.reaches_goal, chosen.finding, trace)
+        hold = round(self.config.risk.replan / self.dt) if risks_now else None
+        return Plan(
+            chosen.trajectory, chosen.source, chosen.reaches_goal, chosen.finding, trace, hold
+        )
+
+    def _risks(self, cycle: Cycle) -> tuple[str, ...]:
+        """Why the next plan is due sooner than usual; nothing where it is not."""
+        if self.config.risk.replan >= self.config.drive.replan:
+            return ()
+        road = self._current_road
+        return risks(road, cycle.observation, cycle.around(road), self.config.risk)
 
     def still_safe(self, observation: Observation) -> bool:
         """Whether the plan being driven can go on until the next cycle, and be broken off there,

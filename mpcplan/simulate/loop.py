@@ -135,7 +135,8 @@ class _Loop:
                 plan.first_step, np.repeat(plan.states, 2, axis=0), np.zeros((1, 2)), plan.dt
             )
         first = driven.last_step
-        last = first + min(self._every, len(plan.inputs), self._end - first)
+        every = min(self._every, cycle.plan.hold or self._every)
+        last = first + min(every, len(plan.inputs), self._end - first)
         for step in range(first + 1, last + 1):
             driven = driven.then(plan.since(step - 1).until(step))
             self._advance(driven)
