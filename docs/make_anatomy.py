@@ -9,7 +9,7 @@ from pathlib import Path
 
 from mpcplan.bound.judged import bound_of_run
 from mpcplan.config import Config
-from mpcplan.config_io import load_config
+from mpcplan.config.files import load_config
 from mpcplan.scenario import load
 from mpcplan.score.judge import judge_run
 from mpcplan.score.tr1 import CHECKER_WEIGHTS, PARTS, tr1

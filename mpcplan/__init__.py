@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from mpcplan.config import Config
-    from mpcplan.config_io import load_config
+    from mpcplan.config.files import load_config
     from mpcplan.planner import Planner
     from mpcplan.scenario import load
     from mpcplan.score.referee import evaluate
@@ -20,7 +20,7 @@ _HOMES = {
     "drive": "mpcplan.simulate.loop",
     "evaluate": "mpcplan.score.referee",
     "load": "mpcplan.scenario",
-    "load_config": "mpcplan.config_io",
+    "load_config": "mpcplan.config.files",
 }
 
 

@@ -9,17 +9,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import BaseModel, Field
 
-from mpcplan import config_io
 from mpcplan.config import Config, Section, par
-from mpcplan.config_io import dump_config, load_config
-from mpcplan.config_text import allowed, unit
+from mpcplan.config import files as config_files
+from mpcplan.config.files import dump_config, load_config
+from mpcplan.config.text import allowed, unit
 from mpcplan.errors import ConfigError
 
 CONFIGS = Path(__file__).parent.parent / "configs"
 PARAMETERS = [
     (section, name, field)
     for section in Config.model_fields
-    for name, field in config_io.section_type(section).model_fields.items()
+    for name, field in config_files.section_type(section).model_fields.items()
 ]
 
 
@@ -58,7 +58,7 @@ class ToyConfig(Section):
 @pytest.fixture
 def toy(monkeypatch):
     """Makes the machinery work on the toy configuration."""
-    monkeypatch.setattr(config_io, "Config", ToyConfig)
+    monkeypatch.setattr(config_files, "Config", ToyConfig)
 
 
 def written(folder: Path, text: str) -> Path:
@@ -81,7 +81,7 @@ def test_every_parameter_has_a_unit_and_a_meaning(section, name, field):
 
 @pytest.mark.parametrize("section", Config.model_fields)
 def test_every_section_is_described(section):
-    model = config_io.section_type(section)
+    model = config_files.section_type(section)
     assert model.__doc__
     assert model.__doc__ != BaseModel.__doc__
 
@@ -160,7 +160,7 @@ texts = st.text(st.characters(min_codepoint=32, max_codepoint=126))
 def test_every_configuration_round_trips(tmp_path_factory, toy_section, text):
     config = ToyConfig(toy=toy_section, other=Other(unit_free=text))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(config_io, "Config", ToyConfig)
+        patch.setattr(config_files, "Config", ToyConfig)
         path = written(tmp_path_factory.getbasetemp(), dump_config(config))
         assert load_config(path) == config
 
@@ -275,6 +275,6 @@ def test_file_is_named_beside_sound_overrides(toy, tmp_path):
 @given(st.floats().filter(lambda x: not 0 < x <= 10 or math.isnan(x)))
 def test_no_number_outside_the_range_passes(value):
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(config_io, "Config", ToyConfig)
+        patch.setattr(config_files, "Config", ToyConfig)
         with pytest.raises(ConfigError, match=r"toy\.gain"):
             load_config(overrides=[f"toy.gain={value!r}"])

@@ -92,7 +92,7 @@ def written(run, folder: Path) -> tuple[bytes, bytes]:
 
 
 def test_an_interactive_planner_that_asks_for_the_recording_is_told_what_to_do() -> None:
-    from mpcplan.config_io import load_config
+    from mpcplan.config.files import load_config
 
     run = drive(load(FOLDER / SHORT), load_config(None, ["predict.kind=recorded"]))
     assert not run.solved

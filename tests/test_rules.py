@@ -25,7 +25,7 @@ from mpcplan.bench.store import empty_row
 from mpcplan.bench.table import rules_lines
 from mpcplan.cli import solve
 from mpcplan.config import Config, RulesConfig
-from mpcplan.config_io import load_config
+from mpcplan.config.files import load_config
 from mpcplan.errors import ConfigError, RoadError
 from mpcplan.observation import Box, Forecast, Snapshot
 from mpcplan.predict.occupancy import occupancy

@@ -29,7 +29,7 @@ from typing import Any, TextIO
 LOADED = (
     "mpcplan.bench.worker",
     "mpcplan.bench.candidate",
-    "mpcplan.config_io",
+    "mpcplan.config.files",
     "mpcplan.scenario",
     "mpcplan.simulate.loop",
     "mpcplan.simulate.rules",

@@ -52,7 +52,7 @@ def bench(
         InputError: bad paths, configuration or limits, ``out`` cannot be written, or holds results
             of another planner or configuration.
     """
-    from mpcplan.config_io import dump_config, load_config
+    from mpcplan.config.files import dump_config, load_config
 
     with closing(engine or open_engine(jobs=jobs)) as running:
         if timeout_s <= 0 or memory_mb <= 0:

@@ -76,7 +76,7 @@ class Worker:
         return self._row(status, cause)
 
     def _work(self) -> Row:
-        from mpcplan.config_io import load_config
+        from mpcplan.config.files import load_config
         from mpcplan.scenario import load
 
         config, loaded = load_config(self._config), load(self._scenario)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 def solve(args: argparse.Namespace) -> int:
     """Plan and drive one scenario, and judge the result."""
-    from mpcplan.config_io import load_config
+    from mpcplan.config.files import load_config
 
     config = load_config(args.config, args.set)
     os.environ.setdefault("MPLBACKEND", "Agg")

@@ -23,7 +23,7 @@ def bound(args: argparse.Namespace) -> int:
     """Seek the clairvoyant optimum of scenarios."""
     from mpcplan.bench.find import find_scenarios
     from mpcplan.bound.report import bound_lines
-    from mpcplan.config_io import load_config
+    from mpcplan.config.files import load_config
 
     config, folder = load_config(args.config, args.set), made_folder(args.out)
     failed = 0
@@ -43,7 +43,7 @@ def bound(args: argparse.Namespace) -> int:
 def bench_solvers(args: argparse.Namespace) -> int:
     """Compare solvers of the refinement's problem."""
     from mpcplan.bench.find import find_scenarios
-    from mpcplan.config_io import load_config
+    from mpcplan.config.files import load_config
 
     config = load_config(args.config, args.set)
     paths = list(find_scenarios(args.paths).values())
@@ -92,7 +92,7 @@ def twin(args: argparse.Namespace) -> int:
 
 def config(args: argparse.Namespace) -> int:
     """Print the configuration in effect."""
-    from mpcplan.config_io import dump_config, load_config
+    from mpcplan.config.files import dump_config, load_config
 
     print(dump_config(load_config(args.config, args.set)), end="")
     return OK

@@ -86,7 +86,7 @@ def compete(
         InputError: bad paths, configuration or limits, or ``out`` cannot be written; what is
             finished is kept.
     """
-    from mpcplan.config_io import dump_config, load_config
+    from mpcplan.config.files import dump_config, load_config
 
     deadline = time.monotonic() + budget_s
     with closing(engine or open_engine(jobs=jobs)) as running:

@@ -18,8 +18,8 @@ from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 
 from mpcplan.config import Config, Section
-from mpcplan.config_text import allowed, unit
-from mpcplan.config_yaml import parse
+from mpcplan.config.parse import parse
+from mpcplan.config.text import allowed, unit
 from mpcplan.errors import ConfigError
 
 OVERRIDE = "--set"  # the command line's option, named in messages
