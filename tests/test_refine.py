@@ -12,14 +12,24 @@ from commonroad.common.util import Interval
 from commonroad.geometry.shape import Rectangle
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from reference_ocp import DT, Reference, Track, frame_of, occupancy_of, road_of, state_at, straight
+from reference_ocp import (
+    CAR_FRONT,
+    DT,
+    Reference,
+    Track,
+    frame_of,
+    occupancy_of,
+    road_of,
+    state_at,
+    straight,
+)
 
 from mpcplan.config import Config
 from mpcplan.observation import Box, Forecast
 from mpcplan.predict.occupancy import Occupancy, occupancy
 from mpcplan.refine.backends import Answer
 from mpcplan.refine.compiled import compiled, functions
-from mpcplan.refine.corridor import YIELDED, build_corridor, different_asides
+from mpcplan.refine.corridor import SPARE, YIELDED, build_corridor, different_asides
 from mpcplan.refine.layout import INPUT_SCALE, STATE_SCALE
 from mpcplan.refine.problem import SLACK_CURVATURE, Point, Problem
 from mpcplan.refine.qp import QpSolver
@@ -29,6 +39,7 @@ from mpcplan.refine.sqp import SqpResult, solve
 from mpcplan.refine.stage import CURVATURE, N_GIVEN, SLACK_OF_ROW
 from mpcplan.road.goal import GoalWindow, is_reached
 from mpcplan.road.road import Road, build_roads
+from mpcplan.rules.predicates import safe_distance
 from mpcplan.scenario import load
 from mpcplan.seed.candidates import Effort, find_seeds
 from mpcplan.seed.cost import evaluated_jerk
@@ -337,6 +348,37 @@ def test_the_hessian_is_positive_semidefinite_and_matches_the_convex_terms():
         up, down = (end.objective for end in ends(problem, point, p))
         second = (up - 2 * point.objective + down) / 1e-6
         assert whole[column, column] == pytest.approx(second, rel=1e-2, abs=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("leader", "kept"),
+    [
+        (Track(60.0, 0.3, 2.0), True),  # slower: 5 m and more of braking way
+        (Track(60.0, 3.2, 2.0), False),  # in the next lane
+        (Track(60.0, 0.3, 2.0, np.pi / 2), False),  # across
+    ],
+)
+def test_where_the_rule_counts_the_refinement_keeps_the_safe_distance(leader, kept):
+    """As far as the seed does: its gap shrinks from 34 m by 8 m/s."""
+    frame = frame_of(straight, 150.0)
+    road = road_of(frame, window(30))
+    state = state_at(frame, 20.0, v=10.0)
+    seed = keeping_seed(road, state, 30)
+    around, config = occupancy_of(frame, 60, leader), Config()
+    ruled = config.model_copy(update={"cost": config.cost.model_copy(update={"safe_distance": 1})})
+    free, bound = (build_corridor(seed, around, c).s_max for c in (config, ruled))
+    rules = config.rules
+    safe = safe_distance(
+        10.0 * np.ones(31), leader.v, rules.braking_ego, rules.braking_others, rules.reaction
+    )
+    if not kept:
+        assert np.array_equal(free, bound)
+        return
+    low = around.window(0, 31).s_low[0]
+    gap = low - CAR_FRONT - seed.states[:, Stage.S]
+    assert (gap > safe + 0.1).all()
+    assert bound == pytest.approx(low - CAR_FRONT - safe - SPARE)
+    assert (free > bound + 3.0).all()
 
 
 def test_a_seed_in_haste_keeps_its_time_until_the_crossing_is_behind():

@@ -11,6 +11,8 @@ import numpy as np
 
 from mpcplan.config import Config
 from mpcplan.predict.occupancy import Occupancy
+from mpcplan.road.strips import TURN_MAX
+from mpcplan.rules.predicates import safe_distance
 from mpcplan.seed.crossing import last_crossing
 from mpcplan.seed.seed import Seed, Stage
 from mpcplan.trajectory import Array
@@ -20,6 +22,7 @@ LON_SCALE = 4.0  # m, a longitudinal gap of this weighs as much as
 LAT_SCALE = 1.0  # m, a lateral one of this when the axis is chosen
 SPARE = 0.03  # m, kept on top of verification's margin, or left of the seed's own gap
 YIELDED = 1.0  # m, that the refinement may fall behind a seed which is in haste
+IN_LANE = 2.0  # m, aside: who is ahead within this is in the same lane
 FAR = 1e3  # m, no bound
 
 
@@ -65,7 +68,7 @@ def build_corridor(
     by_lon = lon / LON_SCALE >= lat / LAT_SCALE
     slant, by_slant = _slants(s, d, mu, window, near, np.fmax(lon, lat), config)
     least = config.verify.margin + SPARE
-    lon_margin = np.clip(lon - SPARE, least, config.seed.margin_lon)
+    lon_margin = np.clip(lon - SPARE, least, _wanted(seed, window, near, ahead, config))
     lat_margin = np.clip(lat - SPARE, least, config.seed.pass_gap)
     chosen = ~by_slant & np.isfinite(window.s_low[near])
     half = CAR.width / 2
@@ -85,6 +88,21 @@ def build_corridor(
         s_min = np.maximum(s_min, timed)
     lead = _lead(seed, window, near, config, config.refine.asides[0] if aside is None else aside)
     return Corridor(s_min, s_max, d_min, d_max, lead, slant)
+
+
+def _wanted(seed: Seed, window: Occupancy, rows: Array, ahead: Array, config: Config) -> Array:
+    """(m, n) gaps [m] to keep ahead and behind where the seed has as much: the seeds' margin, and
+    where rules cost something the safe distance (R_G1) to who drives ahead in the same lane."""
+    wanted = np.full(ahead.shape, config.seed.margin_lon)
+    if not config.cost.safe_distance:
+        return wanted
+    v, v_o = seed.states[:, Stage.V], np.maximum(np.nan_to_num(window.v[rows]), 0.0)
+    braking = config.rules.braking_ego, config.rules.braking_others
+    safe = safe_distance(v, v_o, *braking, config.rules.reaction)
+    with np.errstate(invalid="ignore"):
+        leads = (ahead > 0) & (np.cos(window.turn[rows]) > np.cos(TURN_MAX))
+        leads &= np.abs(window.d[rows] - seed.states[:, Stage.D]) < IN_LANE
+    return np.where(leads, np.maximum(wanted, safe + SPARE), wanted)
 
 
 def different_asides(seed: Seed, occupancy: Occupancy, config: Config) -> list[float]:
