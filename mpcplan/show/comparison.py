@@ -112,7 +112,9 @@ def _draw_paths(axes: Axes, compared: Sequence[Compared]) -> None:
             axes.plot(*centres(drive.trajectory.states).T, color=colour, lw=1.6, label=label)
     axes.set_xlabel("x [m]", fontsize=8)
     axes.set_ylabel("y [m]", fontsize=8)
-    axes.legend(loc="upper right", fontsize=9)
+    axes.legend(
+        loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(compared), frameon=False, fontsize=9
+    )
     axes.tick_params(labelsize=8)
 
 

@@ -27,7 +27,8 @@ from mpcplan.trajectory import Array
 FRONT = -1  # of the body's points: the middle of the front bumper
 _DPI = 110
 _SIZE = (11.0, 8.5)  # inches
-_MARGIN_S, _MARGIN_D = 0.15, 0.6  # of the range of s, and m, shown around the plan
+_MARGIN_S, _MARGIN_D = 0.15, 0.6  # of the range of s, and m, shown around plan and bounds
+_MOST_D = 5.0  # m, bounds further aside of the plans are not shown
 _FORBIDDEN: dict[str, Any] = {"color": colours.TRAFFIC, "alpha": 0.3, "lw": 0}
 _SEED: dict[str, Any] = {"color": colours.of_variant(0), "ls": "--", "label": "seed"}
 _REFINED: dict[str, Any] = {"color": colours.of_variant(1), "label": "refined"}
@@ -115,10 +116,11 @@ def _draw_across(axes: Axes, problem: Problem, seed: Bounds, refined: Bounds) ->
     low, high = refined.d_min[:, FRONT], refined.d_max[:, FRONT]
     seen = slice(np.searchsorted(frame.s, at[0]), np.searchsorted(frame.s, at[-1], "right"))
     right, left = limits.right[seen], limits.left[seen]
-    bottom, top = right.min(initial=low.min()), left.max(initial=high.max())
-    bottom, top = bottom - _MARGIN_D, top + _MARGIN_D
-    axes.fill_between(at, high, top, label="forbidden", **_FORBIDDEN)
-    axes.fill_between(at, bottom, low, **_FORBIDDEN)
+    plans = np.concatenate([seed.d[:, FRONT], refined.d[:, FRONT]])
+    bottom = max(right.min(initial=low.min()) - _MARGIN_D, plans.min() - _MOST_D)
+    top = min(left.max(initial=high.max()) + _MARGIN_D, plans.max() + _MOST_D)
+    axes.fill_between(at, np.minimum(high, top), top, label="forbidden", **_FORBIDDEN)
+    axes.fill_between(at, bottom, np.maximum(low, bottom), **_FORBIDDEN)
     for edge, label in ((right, "road's edges"), (left, None)):
         axes.plot(frame.s[seen], edge, color=colours.PLAN, lw=1.0, label=label)
     axes.plot(seed.at[:, FRONT], seed.d[:, FRONT], **_SEED)

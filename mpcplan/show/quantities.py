@@ -96,4 +96,5 @@ def prepare(axes: Axes, quantity: Quantity) -> None:
     axes.set_title(quantity.label, fontsize=9)
     axes.set_xlabel("time [s]", fontsize=8)
     axes.grid(color=colours.GRID, lw=0.6)
+    axes.set_axisbelow(True)
     axes.tick_params(labelsize=8)

@@ -7,8 +7,10 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from mpcplan.bench.comparison import Result, read_results
 from mpcplan.errors import InputError
@@ -23,6 +25,7 @@ _SIZE = (11.0, 8.5)  # inches
 _LEAST = 1e-3  # of TR1 on logarithmic axes: a drive may cost nothing
 _WIDER = 1.3  # the logarithmic axes reach this factor beyond what they show
 _LIFTED = 1.2  # of the highest bar, for the labels above
+_LABELLED = (1.0, 2.0, 5.0)  # times powers of ten
 _STYLES = ("-", ":")  # of the 50th and of the 95th percentile
 
 
@@ -101,17 +104,19 @@ def _draw_costs(axes: Axes, both: Array, names: tuple[str, str]) -> None:
     axes.set(xlabel=f"TR1, {names[0]}", ylabel=f"TR1, {names[1]}")
     axes.set_title(f"below the line {names[1]} is cheaper", loc="left", fontsize=11)
     _finish(axes)
+    _label_logarithms(axes.xaxis, axes.yaxis)
 
 
 def _draw_ratio(axes: Axes, both: Array, names: tuple[str, str]) -> None:
     """The share of the scenarios whose ratio of costs is at most so much."""
     first, second = np.maximum(both, _LEAST).T
-    axes.ecdf(second / first, color=colours.of_variant(1), label="share")
+    axes.ecdf(second / first, color=colours.of_variant(1), label="scenarios")
     axes.axvline(1.0, ls="--", color=colours.LIMIT, label="equal")
     axes.set_xscale("log")
     axes.set(xlabel=f"TR1 of {names[1]} / TR1 of {names[0]}", ylabel="share of the scenarios")
     axes.set_title("distribution of the ratio", loc="left", fontsize=11)
     _finish(axes)
+    _label_logarithms(axes.xaxis)
 
 
 def _draw_parts(axes: Axes, means: Array, names: tuple[str, str]) -> None:
@@ -120,8 +125,10 @@ def _draw_parts(axes: Axes, means: Array, names: tuple[str, str]) -> None:
         heights = np.nan_to_num(means[:, index])
         axes.bar(names, heights, 0.6, bottom=below, color=colours.COSTS[index], label=part)
         below += heights
+    known = np.isfinite(means).all(axis=1)
     for place, total in enumerate(below):
-        axes.annotate(f"{total:.3f}", (place, total), ha="center", va="bottom", fontsize=9)
+        told = f"{total:.3f}" if known[place] else "parts unknown"
+        axes.annotate(told, (place, total), ha="center", va="bottom", fontsize=9)
     axes.set_ylim(0, max(_LIFTED * below.max(), _LEAST))
     axes.set_ylabel("mean of TR1")
     axes.set_title("weighted parts", loc="left", fontsize=11)
@@ -139,11 +146,23 @@ def _draw_times(axes: Axes, pairs: Sequence[Pair], names: tuple[str, str]) -> No
                 axes.ecdf(values, color=colours.of_variant(index), ls=style, label=label)
     axes.set_xscale("log")
     axes.set(xlabel="planning time per cycle [ms]", ylabel="share of the scenarios")
-    axes.set_title("planning times, where it was run", loc="left", fontsize=11)
+    axes.set_title("planning times", loc="left", fontsize=11)
     _finish(axes)
+    _label_logarithms(axes.xaxis)
+    if axes.lines:  # beside the title: the curves leave no corner free
+        axes.legend(loc="lower right", bbox_to_anchor=(1, 1), ncols=2, fontsize=8, frameon=False)
 
 
 def _finish(axes: Axes, ncols: int = 1) -> None:
     axes.grid(color=colours.GRID, lw=0.6)
     axes.set_axisbelow(True)
-    axes.legend(fontsize=8, ncols=ncols)
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(fontsize=8, ncols=ncols)
+
+
+def _label_logarithms(*scales: Axis) -> None:
+    """Plain numbers, few enough that they do not overlap, also where there is no power of ten."""
+    for scale in scales:
+        scale.set_major_locator(LogLocator(subs=_LABELLED))
+        scale.set_major_formatter(StrMethodFormatter("{x:g}"))
+        scale.set_minor_formatter(NullFormatter())
