@@ -125,7 +125,7 @@ def _draw_parts(axes: Axes, means: Array, names: tuple[str, str]) -> None:
         heights = np.nan_to_num(means[:, index])
         axes.bar(names, heights, 0.6, bottom=below, color=colours.COSTS[index], label=part)
         below += heights
-    known = np.isfinite(means).all(axis=1)
+    known: Array = np.isfinite(means.sum(axis=1))
     for place, total in enumerate(below):
         told = f"{total:.3f}" if known[place] else "parts unknown"
         axes.annotate(told, (place, total), ha="center", va="bottom", fontsize=9)
