@@ -38,8 +38,9 @@ INDIRECT = {
 
 
 def _declared() -> set[str]:
-    """Import names of the dependencies, and of the extras that are not for development."""
-    lines = [line for line in requires("mpcplan") or [] if not re.search("extra == .dev", line)]
+    """Import names of the dependencies, and of the extras that the package itself imports."""
+    tools = "extra == .(dev|notebook)"
+    lines = [line for line in requires("mpcplan") or [] if not re.search(tools, line)]
     names = {re.split(r"[^A-Za-z0-9_.-]", line)[0].lower() for line in lines}
     return {MODULES.get(name, name.replace("-", "_")) for name in names}
 

@@ -5,7 +5,7 @@ import math
 import statistics
 from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from mpcplan.bench.store import cluster_of
@@ -14,17 +14,20 @@ from mpcplan.errors import InputError
 from mpcplan.score.tr1 import CHECKER_WEIGHTS, PARTS
 
 _NEEDED = ("scenario", "valid", "TR1")
+_TIMES = ("plan_p50_ms", "plan_p95_ms")
 _TIE = 1e-6  # relative difference of costs below which nobody wins
 
 
 @dataclass(frozen=True)
 class Result:
-    """One scenario in one table: solved or not, its cost and weighted parts where known."""
+    """One scenario in one table: solved or not, its cost and weighted parts where known, and the
+    50th and 95th percentile of its planning times [ms] by the columns' names, where known."""
 
     scenario: str
     solved: bool
     tr1: float | None
     parts: dict[str, float]
+    times: dict[str, float] = field(default_factory=dict)
 
 
 Results = dict[str, Result]
@@ -85,9 +88,10 @@ def _result(row: dict[str, str], place: str) -> Result:
     if row["valid"].lower() not in ("true", "false", "1", "0", ""):
         raise InputError(f"{place}: valid is {row['valid']!r}, expected True or False")
     solved = row["valid"].lower() in ("true", "1")
-    values = {name: _number(row.get(name), f"{place}: {name}") for name in ("TR1", *PARTS)}
+    values = {name: _number(row.get(name), f"{place}: {name}") for name in ("TR1", *PARTS, *_TIMES)}
     parts = {n: CHECKER_WEIGHTS[n] * v for n in PARTS if (v := values[n]) is not None}
-    return Result(row["scenario"], solved, values["TR1"], parts)
+    times = {n: v for n in _TIMES if (v := values[n]) is not None}
+    return Result(row["scenario"], solved, values["TR1"], parts, times)
 
 
 def _number(text: str | None, what: str) -> float | None:

@@ -5,6 +5,8 @@ import numpy as np
 from matplotlib.colors import ListedColormap
 
 PROBLEMS = ("#0072B2", "#CC79A7", "#56B4E9", "#000000")  # one colour per planning problem
+VARIANTS = (PROBLEMS[0], PROBLEMS[1], PROBLEMS[3], PROBLEMS[2])  # one per drive compared
+COSTS = ("#0072B2", "#E69F00", "#CC79A7", "#999999")  # one per part of TR1
 TRAFFIC = "#E69F00"
 GOAL = "#009E73"
 ALARM = "#D55E00"
@@ -12,9 +14,15 @@ ROAD = "#efefef"
 EDGE = "#bdbdbd"
 PLAN = "#555555"
 LIMIT = "#888888"
+GRID = "#e4e4e4"
 TIME = ListedColormap(matplotlib.colormaps["viridis"](np.linspace(0, 0.82, 210)))
 
 
 def of_problem(index: int) -> str:
     """The colour of the index-th planning problem."""
     return PROBLEMS[index % len(PROBLEMS)]
+
+
+def of_variant(index: int) -> str:
+    """The colour of the index-th of several drives compared."""
+    return VARIANTS[index % len(VARIANTS)]

@@ -12,24 +12,31 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from mpcplan.score.tr1 import CHECKER_WEIGHTS, PARTS
+from mpcplan.score.tr1 import CHECKER_WEIGHTS, PARTS, tr1
 from mpcplan.show import colours
-from mpcplan.show.gap import gap_ahead
+from mpcplan.show.quantities import (
+    ACCELERATION,
+    GAP,
+    SPEED,
+    STEERING_ANGLE,
+    Quantity,
+    draw,
+    prepare,
+)
 from mpcplan.show.scene import MARGIN, draw_ground
 from mpcplan.show.traffic import traffic_of
-from mpcplan.trajectory import Input, State
 from mpcplan.vehicle import centres
 
 if TYPE_CHECKING:
     from mpcplan.simulate.run import Run
 
 _DPI = 110
-_SIZE = (13.0, 8.0)  # inches
-_STRIPS = ("speed [m/s]", "acceleration [m/s²]", "steering angle [rad]", "gap ahead [m]")
-_COLOURS = (colours.PROBLEMS[0], colours.PROBLEMS[1], colours.PROBLEMS[3], colours.PROBLEMS[2])
-_PART_COLOURS = dict(zip(PARTS, ("#0072B2", "#E69F00", "#CC79A7", "#999999"), strict=True))
-_LEAST = (1.0, 1.0, 0.05, 10.0)  # ranges of the strips at least, so that noise does not fill one
-_SIGNED = (False, True, True, False)  # whether a strip's values may be negative
+_WIDTH = 13.0  # inches
+_HEIGHTS = (4.4, 3.6)  # inches, of the road and of each row of strips
+_IN_ONE_ROW = 5  # panels at most below the road in one row,
+_PER_ROW = 3  # more of them stand in rows of so many
+_USUAL = (SPEED, ACCELERATION, STEERING_ANGLE, GAP)
+_PART_COLOURS = dict(zip(PARTS, colours.COSTS, strict=True))
 _LIFTED = 1.25  # of the highest bar, for the labels above
 
 
@@ -40,7 +47,7 @@ class Compared:
     Attributes:
         name: in the legend.
         run: what was driven.
-        parts: unweighted Jlon, SR, D, LC.
+        parts: unweighted Jlon, SR, D, LC; NaN where there is no cost.
     """
 
     name: str
@@ -48,34 +55,41 @@ class Compared:
     parts: Mapping[str, float]
 
 
-def plot_comparison(compared: Sequence[Compared], path: str | Path | None = None) -> Figure:
+def plot_comparison(
+    compared: Sequence[Compared],
+    path: str | Path | None = None,
+    quantities: Sequence[Quantity] = _USUAL,
+) -> Figure:
     """Draws drives of the same scenario.
 
     Args:
         compared: the drives; the traffic is that of the first.
         path: file to write; its suffix selects the format. None for no file.
+        quantities: of the strips over time.
 
     Returns:
         The figure.
     """
-    figure = Figure(figsize=_SIZE, dpi=_DPI)
+    panels = len(quantities) + 1
+    columns = panels if panels <= _IN_ONE_ROW else _PER_ROW
+    rows = -(-panels // columns)
+    figure = Figure(figsize=(_WIDTH, _HEIGHTS[0] + rows * _HEIGHTS[1]), dpi=_DPI)
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(
-        2, 5, height_ratios=[1.1, 1], left=0.06, right=0.98, top=0.93, bottom=0.07, hspace=0.2,
-        wspace=0.32,
+        1 + rows, columns, height_ratios=[1.1, *rows * [1]], left=0.06, right=0.98, top=0.93,
+        bottom=0.07 if rows == 1 else 0.05, hspace=0.2 if rows == 1 else 0.3,
+        wspace=0.32 if rows == 1 else 0.2,
     )  # fmt: skip
     _draw_paths(figure.add_subplot(grid[0, :]), compared)
-    strips = [figure.add_subplot(grid[1, i]) for i in range(len(_STRIPS))]
+    cells = [grid[1 + i // columns, i % columns] for i in range(panels)]
+    strips: list[Axes] = []
+    for cell in cells[:-1]:
+        strips.append(figure.add_subplot(cell, sharex=strips[0] if strips else None))
     for index, one in enumerate(compared):
-        _draw_strips(strips, one, _COLOURS[index % len(_COLOURS)])
-    for axes, label, least, signed in zip(strips, _STRIPS, _LEAST, _SIGNED, strict=True):
-        low, high = axes.get_ylim()
-        axes.set_ylim(min(low, -least) if signed else 0.0, max(high, least))
-        axes.set_title(label, fontsize=9)
-        axes.set_xlabel("time [s]", fontsize=8)
-        axes.grid(color="#e4e4e4", lw=0.6)
-        axes.tick_params(labelsize=8)
-    _draw_costs(figure.add_subplot(grid[1, len(_STRIPS)]), compared)
+        _draw_strips(strips, quantities, one, colours.of_variant(index))
+    for axes, quantity in zip(strips, quantities, strict=True):
+        prepare(axes, quantity)
+    _draw_costs(figure.add_subplot(cells[-1]), compared)
     figure.suptitle(compared[0].run.loaded.id, x=0.5, y=0.985, fontsize=12)
     if path is not None:
         figure.savefig(path)
@@ -94,34 +108,39 @@ def _draw_paths(axes: Axes, compared: Sequence[Compared]) -> None:
     for index, one in enumerate(compared):
         for number, drive in enumerate(one.run.drives):
             label = one.name if number == 0 else None
-            colour = _COLOURS[index % len(_COLOURS)]
+            colour = colours.of_variant(index)
             axes.plot(*centres(drive.trajectory.states).T, color=colour, lw=1.6, label=label)
-    axes.legend(loc="upper right", fontsize=9)
+    axes.set_xlabel("x [m]", fontsize=8)
+    axes.set_ylabel("y [m]", fontsize=8)
+    axes.legend(
+        loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=len(compared), frameon=False, fontsize=9
+    )
     axes.tick_params(labelsize=8)
 
 
-def _draw_strips(strips: Sequence[Axes], one: Compared, colour: str) -> None:
+def _draw_strips(
+    strips: Sequence[Axes], quantities: Sequence[Quantity], one: Compared, colour: str
+) -> None:
     traffic = traffic_of(one.run)
-    speed, acceleration, angle, gap = strips
     for drive in one.run.drives:
         driven = drive.trajectory
-        time = driven.steps * driven.dt
-        speed.plot(time, driven.states[:, State.V], color=colour)
-        acceleration.stairs(driven.inputs[:, Input.A], time, baseline=None, color=colour)
-        angle.plot(time, driven.states[:, State.DELTA], color=colour)
-        gap.plot(time, gap_ahead(driven, traffic.during(driven.steps)), color=colour)
+        boxes = traffic.during(driven.steps)
+        for axes, quantity in zip(strips, quantities, strict=True):
+            draw(axes, quantity, driven, boxes, colour)
 
 
 def _draw_costs(axes: Axes, compared: Sequence[Compared]) -> None:
-    """TR1 of each, stacked by its parts."""
+    """TR1 of each, stacked by its parts; no bar for a drive without a cost."""
     places = np.arange(len(compared))
     below = np.zeros(len(compared))
     for part in PARTS:
         height = np.array([CHECKER_WEIGHTS[part] * one.parts[part] for one in compared])
+        height = np.nan_to_num(height)
         axes.bar(places, height, 0.7, bottom=below, color=_PART_COLOURS[part], label=part)
         below += height
-    for place, total in zip(places, below, strict=True):
-        axes.annotate(f"{total:.2f}", (place, total), ha="center", va="bottom", fontsize=8)
+    for place, total, one in zip(places, below, compared, strict=True):
+        told = f"{total:.2f}" if np.isfinite(tr1(one.parts)) else "no cost"
+        axes.annotate(told, (place, total), ha="center", va="bottom", fontsize=8)
     axes.set_xticks(places, [one.name for one in compared], fontsize=8)
     axes.set_ylim(0, max(_LIFTED * below.max(), 1e-3))
     axes.set_title("TR1", fontsize=9)
