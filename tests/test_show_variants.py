@@ -19,6 +19,7 @@ from scipy.integrate import simpson
 from mpcplan.bench.store import COLUMNS, csv_text, empty_row
 from mpcplan.config import Config
 from mpcplan.errors import InputError
+from mpcplan.refine.problem import Problem
 from mpcplan.refine.sqp import SqpResult, solve
 from mpcplan.scenario import load
 from mpcplan.score.tr1 import CHECKER_WEIGHTS, PARTS, tr1
@@ -32,7 +33,7 @@ from mpcplan.show.results import costs, mean_parts, pairs_of, plot_results
 from mpcplan.show.times import TOTAL, percentiles, plot_times, stage_times, times_table
 from mpcplan.show.variants import NO_COST, drive_variants, plot_variants, told
 from mpcplan.simulate.loop import drive
-from mpcplan.solvers.record import record_problems
+from mpcplan.solvers.record import GOES_ON, TO_GOAL, Recorded, record_problems
 from mpcplan.trajectory import Input, State
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -221,6 +222,18 @@ def test_the_plan_is_the_runs(run, plan):
     assert plan.result.as_dict().items() <= cycle.plan.trace["refine"].items()
     planned = cycle.plan.trajectory.inputs[: plan.problem.n, Input.V_DELTA]
     np.testing.assert_allclose(planned, plan.result.z.u[: len(planned), 1], atol=1e-9)
+
+
+def test_other_problems_of_the_cycle_are_not_taken_for_the_plans(run, plan):
+    """One of the same seed that weighs jerk otherwise: its solution is another."""
+    one = plan.problem
+    dear = Config.model_validate({"cost": {"jerk": 10 * REFINED.cost.jerk}})
+    other = Problem(one.seed, one.corridor, one.x0, one.goal, one.n, dear, one.dt)
+    kind = TO_GOAL if plan.fresh else GOES_ON
+    recorded = [Recorded("decoy", kind, other), Recorded("plan", kind, one)]
+    assert refined_plan(run, recorded).problem is one
+    with pytest.raises(InputError, match="not among those recorded"):
+        refined_plan(run, recorded[:1])
 
 
 def test_a_plan_that_is_not_refined_has_no_problem(path, run, plan):
