@@ -17,9 +17,9 @@ from commonroad.scenario.obstacle import ObstacleType, StaticObstacle
 
 from mpcplan import planner as planner_module
 from mpcplan.config import Config
-from mpcplan.develop import KEPT
+from mpcplan.develop import KEPT, Developer
 from mpcplan.observation import Box, Observation, Snapshot
-from mpcplan.plan import Plan
+from mpcplan.plan import Option, Plan
 from mpcplan.planner import Planner
 from mpcplan.predict.recorded import record
 from mpcplan.refine.backends import Answer
@@ -33,7 +33,7 @@ from mpcplan.simulate.run import Run
 from mpcplan.task import Task, task_of
 from mpcplan.trajectory import State, Trajectory
 from mpcplan.vehicle import FORD_ESCORT
-from mpcplan.verify.drivability import separation, verify
+from mpcplan.verify.drivability import Finding, separation, verify
 
 FOLDER = Path(__file__).resolve().parents[1] / "scenarios"
 
@@ -126,6 +126,41 @@ def test_where_motion_is_a_guess_there_are_fewer_routes_and_no_delays():
     assert known.config == Config()
     assert guessed.config.seed.delays == ()
     assert guessed.config.road.variants == Config().predict.variants
+
+
+@pytest.mark.parametrize("name", ["reserve", "haste"])
+def test_where_motion_is_a_guess_caution_costs_at_least_what_is_configured(name):
+    loaded = bundled("LaneChange")
+    task = task_of(loaded, loaded.problems[0])
+    least = getattr(Config().predict, name)
+    assert least > getattr(Config().cost, name) == getattr(Planner(task).config.cost, name) == 0
+    for own, expected in ((0.0, least), (0.9, max(0.9, least))):
+        config = configured(cost={name: own}, predict={"kind": "constant_input"})
+        assert getattr(Planner(task, config).config.cost, name) == expected
+
+
+def test_plans_in_haste_that_fail_give_way_to_plans_that_take_their_time():
+    """Only plans without haste pass: they are driven, before any fallback is."""
+    loaded = bundled("Follow")
+    planner = Planner(task_of(loaded, loaded.problems[0]), BLIND)
+    planner._developer = Refusing(planner._developer)
+    plan = planner.plan(first_look(loaded))
+    assert plan.finding.ok and plan.reaches_goal
+    assert plan.trace["fallback"] is None
+
+
+class Refusing:
+    """A developer all of whose options are refused."""
+
+    def __init__(self, real: Developer) -> None:
+        self._real = real
+
+    def develop(self, cycle, seed, options, refused, *more) -> None:
+        """As the real one, but nothing passes."""
+        passed: list[Option] = []
+        self._real.develop(cycle, seed, passed, refused, *more)
+        failed = Finding(False, "road", cycle.observation.step)
+        refused += [replace(option, finding=failed) for option in passed]
 
 
 def test_where_a_plan_has_become_much_dearer_all_ways_are_looked_at_again(monkeypatch):
