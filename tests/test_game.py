@@ -28,8 +28,15 @@ from mpcplan.predict.paths import Paths
 CAP = 10.0  # m/s, of all ways here
 HALF = 1.75  # m, half a lane
 CAR = (4.5, 1.8)  # m
-CONFIG = GameConfig()
-TWO = GameConfig(actions=2)
+
+
+def game(**changes: object) -> GameConfig:
+    """A configuration with three actions of a second each."""
+    return GameConfig(**{"actions": 3, "step": 1.0} | changes)
+
+
+CONFIG = game()
+TWO = game(actions=2)
 EAST, NORTH = 0.0, math.pi / 2
 
 
@@ -89,7 +96,7 @@ def test_sequences_are_numbered_in_lexicographic_order():
 @given(d=st.floats(-1, 1), mu=st.floats(-1, 1), v=st.floats(0, 15), leaf=st.integers(0, 14**3 - 1))
 def test_motion_agrees_with_small_euler_steps(d, mu, v, leaf):
     small, substeps = 1e-4, 5
-    config = GameConfig(substeps=substeps)
+    config = game(substeps=substeps)
     path = grow(player(1, way(cap=100.0), 0.0, v, d, mu), config).path(leaf)
     x = np.array([0.0, d, mu, v])
     for step, action in enumerate(sequence(leaf, 3)):
@@ -164,7 +171,7 @@ def _pose(x: float, y: float, psi: float) -> np.ndarray:
 @settings(max_examples=200, deadline=None)
 @given(one=POSE, other=POSE)
 def test_collision_and_safety_zone_are_overlaps_of_rectangles(one, other):
-    config = GameConfig(substeps=1, collision=100.0, safe_distance=1.0)
+    config = game(substeps=1, collision=100.0, safe_distance=1.0)
     half = np.array([CAR]) / 2
     meetings = Meetings(half, _pose(*other).reshape(4, 1, 1, 1, 1), half[None], np.ones((1, 1)))
     poses = _pose(*one).reshape(4, 1, 1)
@@ -221,7 +228,7 @@ def random_players(seed: int, count: int) -> list[Player]:
 )  # fmt: skip
 def test_pruned_is_enumerated(seed, count, actions, keep, weights):
     names = ("collision", "safe_distance", "off_road", "lane", "distance")
-    config = GameConfig(actions=actions, **dict(zip(names, map(float, weights), strict=True)))
+    config = game(actions=actions, **dict(zip(names, map(float, weights), strict=True)))
     players = random_players(seed, count)
     board = Board(players, config)
     shape = (4, actions, config.substeps)
@@ -244,7 +251,7 @@ def test_pruned_is_enumerated(seed, count, actions, keep, weights):
 
 
 def test_of_equals_the_last_one_is_taken():
-    nothing = GameConfig(actions=2, collision=0, safe_distance=0, off_road=0, lane=0, distance=0)
+    nothing = game(actions=2, collision=0, safe_distance=0, off_road=0, lane=0, distance=0)
     players = random_players(0, 3)
     for found in solve(players, nothing).responses:
         assert [one.index for one in found] == [ACTIONS**2 - 1] * 3
@@ -312,7 +319,7 @@ def test_the_nearest_level_gains(observed, nearest):
 
 @given(st.lists(st.tuples(st.floats(-6, 6), st.floats(-2, 2)), min_size=1, max_size=20))
 def test_beliefs_sum_to_one(seen_actions):
-    beliefs = no_beliefs(GameConfig(prior=(0.2, 0.9, 0.4)))
+    beliefs = no_beliefs(game(prior=(0.2, 0.9, 0.4)))
     for observed in seen_actions:
         beliefs = updated(beliefs, {3: PREDICTED}, {3: np.array(observed)}, {3}, 0.3)
         assert beliefs.of(3).sum() == pytest.approx(1.0)
@@ -500,7 +507,7 @@ def test_who_crosses_soon_plays():
 
 def test_the_nearest_in_time_play_and_no_more_than_allowed():
     some = [moving(0, y, NORTH, 8.0) for y in (-46, -16, -36, -26)]
-    found = relevant(crossing(), seen(*some, ego=EGO_STATE), GameConfig(agents=3))
+    found = relevant(crossing(), seen(*some, ego=EGO_STATE), game(agents=3))
     assert [one.player.id for one in found.agents] == [2, 4, 3]
 
 

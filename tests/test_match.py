@@ -27,7 +27,7 @@ from mpcplan.task import task_of
 
 FOLDER = Path(__file__).resolve().parents[1] / "scenarios"
 PLAYED = Config().model_copy(
-    update={"game": Config().game.model_copy(update={"enabled": True, "actions": 2})}
+    update={"game": Config().game.model_copy(update={"enabled": True, "step": 1.0})}
 )
 
 

@@ -73,8 +73,8 @@ class GameConfig(Section):
     """The level-k game at intersections without traffic lights."""
 
     enabled: bool = par(False, "", "play the level-k game where ways meet without traffic lights")
-    actions: int = par(3, "1", "actions in a row that every player considers (T)", ge=1, le=4)
-    step: float = par(1.0, "s", "duration of one action", ge=0.2, le=3)
+    actions: int = par(2, "1", "actions in a row that every player considers (T)", ge=1, le=4)
+    step: float = par(1.5, "s", "duration of one action", ge=0.2, le=3)
     substeps: int = par(
         4, "1", "instants of every action at which rewards look at the players", ge=1, le=20
     )

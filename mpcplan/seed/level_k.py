@@ -1,6 +1,6 @@
 """The level-k decision as a seed: its actions along a path, then the best way on to the goal.
 
-The game's actions are held for a second each and turn at once; the seed follows that of the
+The game's actions are held for `game.step` each and turn at once; the seed follows that of the
 candidate paths which ends at the offset that the actions lead to, with their accelerations, and
 from there on the speed search goes on. Who yields to the ego vehicle by the decision is not in its
 way: whether a plan that counts on that is safe is for verification to say.
