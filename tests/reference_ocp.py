@@ -108,6 +108,19 @@ def forecast_of(frame: Frame, steps: int, *tracks: Track) -> Forecast:
     return Forecast(0, tuple(range(10, 10 + len(tracks))), boxes)
 
 
+def straight_across(
+    frame: Frame, s: float, d: float, v: float, turn: float, steps: int = 60
+) -> Forecast:
+    """Somebody who drives straight on at an angle [rad] to a straight frame, from (s, d) at a speed
+    [m/s]; id 10."""
+    t = DT * np.arange(steps + 1)
+    boxes = np.empty((1, steps + 1, len(Box)))
+    along, aside = s + v * t * np.cos(turn), d + v * t * np.sin(turn)
+    boxes[0][:, [Box.X, Box.Y]] = frame.to_cartesian(along, aside)
+    boxes[0][:, [Box.PSI, Box.V, Box.LENGTH, Box.WIDTH]] = turn, v, 4.5, 1.8
+    return Forecast(0, (10,), boxes)
+
+
 def occupancy_of(frame: Frame, steps: int, *tracks: Track) -> Occupancy:
     """The same vehicles along the frame."""
     return occupancy(forecast_of(frame, steps, *tracks), frame)

@@ -169,7 +169,7 @@ def test_where_a_plan_has_become_much_dearer_all_ways_are_looked_at_again(monkey
     real = planner_module.find_seeds
 
     def spied(*args: object) -> object:
-        efforts.append(args[-1])
+        efforts.extend(arg for arg in args if isinstance(arg, Effort))
         return real(*args)
 
     monkeypatch.setattr(planner_module, "find_seeds", spied)
@@ -503,8 +503,8 @@ def test_before_braking_a_plan_is_driven_that_trusts_who_follows(tmp_path, gap, 
     follower = made.car(30, 40 - (FORD_ESCORT.length + 4.5) / 2 - gap, made.LANE / 2, v, steps=80)
     goal = made.goal(Rectangle(10, 3, made.at(120, made.LANE / 2)), end=110)
     path = made.write(tmp_path, made.problem(9, start, goal), obstacles=[follower])
-    guess = configured(predict={"kind": "constant_input", "horizon": 12.0, "reserve": 0.0})
-    plan = planned(load(path), guess)
+    blind = {"kind": "constant_input", "horizon": 12.0, "reserve": 0.0, "haste": 0.0}
+    plan = planned(load(path), configured(predict=blind))
     assert plan.trace["fallback"].startswith(f"{driven}: ")
     assert "collision with obstacle 30" in plan.trace["fallback"]
 

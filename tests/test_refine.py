@@ -22,10 +22,10 @@ from reference_ocp import (
     road_of,
     state_at,
     straight,
+    straight_across,
 )
 
 from mpcplan.config import Config
-from mpcplan.observation import Box, Forecast
 from mpcplan.predict.occupancy import Occupancy, occupancy
 from mpcplan.refine.backends import Answer
 from mpcplan.refine.compiled import compiled, functions
@@ -387,11 +387,7 @@ def test_a_seed_in_haste_keeps_its_time_until_the_crossing_is_behind():
     road = road_of(frame, window(30))
     state = state_at(frame, 20.0, v=10.0)
     seed = keeping_seed(road, state, 30)
-    t = DT * np.arange(61)
-    boxes = np.zeros((1, 61, len(Box)))
-    boxes[0][:, [Box.X, Box.Y]] = frame.to_cartesian(np.full(61, 40.0), -30.0 + 8.0 * t)
-    boxes[0][:, [Box.PSI, Box.V, Box.LENGTH, Box.WIDTH]] = np.pi / 2, 8.0, 4.5, 1.8
-    around = occupancy(Forecast(0, (10,), boxes), frame)
+    around = occupancy(straight_across(frame, 40.0, -30.0, 8.0, np.pi / 2), frame)
     config = Config()
     hurried = config.model_copy(update={"cost": config.cost.model_copy(update={"haste": 1.0})})
     free, timed = (build_corridor(seed, around, c).s_min for c in (config, hurried))

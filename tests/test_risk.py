@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from reference_ocp import DT, Track, forecast_of, frame_of, road_of, state_at, straight
+from reference_ocp import Track, forecast_of, frame_of, road_of, state_at, straight, straight_across
 
 from mpcplan.config import Config, RiskConfig
-from mpcplan.observation import Box, Forecast, Observation, Snapshot
+from mpcplan.observation import Forecast, Observation, Snapshot
 from mpcplan.predict.occupancy import occupancy
 from mpcplan.risk import risks
 from mpcplan.road.goal import GoalWindow
@@ -33,11 +33,7 @@ def others(*tracks: Track, curvature=straight) -> Forecast:
 
 def crossing(s: float) -> Forecast:
     """Somebody from the right who crosses at an arc length."""
-    frame, t = frame_of(straight, 200.0), DT * np.arange(61)
-    boxes = np.zeros((1, 61, len(Box)))
-    boxes[0][:, [Box.X, Box.Y]] = frame.to_cartesian(np.full(61, s), -20.0 + 8.0 * t)
-    boxes[0][:, [Box.PSI, Box.V, Box.LENGTH, Box.WIDTH]] = np.pi / 2, 8.0, 4.5, 1.8
-    return Forecast(0, (10,), boxes)
+    return straight_across(frame_of(straight, 200.0), s, -20.0, 8.0, np.pi / 2)
 
 
 def bend(s):

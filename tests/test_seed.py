@@ -17,6 +17,7 @@ from reference_ocp import (
     road_of,
     state_at,
     straight,
+    straight_across,
     straight_road,
 )
 
@@ -332,14 +333,10 @@ def test_in_a_bend_turned_bodies_block_just_where_they_come_near(seed):
         assert not blocked[p, 0, bent & (gap > margin)].any()
 
 
-def straight_across(s: float, d: float, v: float, turn: float) -> Occupancy:
-    """Somebody who drives straight on at an angle [rad] to a straight road, for 6 s."""
-    frame, t = straight_road().frame, DT * np.arange(61)
-    boxes = np.empty((1, 61, len(Box)))
-    along, aside = s + v * t * np.cos(turn), d + v * t * np.sin(turn)
-    boxes[0][:, [Box.X, Box.Y]] = frame.to_cartesian(along, aside)
-    boxes[0][:, [Box.PSI, Box.V, Box.LENGTH, Box.WIDTH]] = turn, v, 4.5, 1.8
-    return occupancy(Forecast(0, (10,), boxes), frame)
+def crossing(s: float, d: float, v: float, turn: float) -> Occupancy:
+    """Somebody who drives straight on at an angle [rad] to the straight road, for 6 s."""
+    frame = straight_road().frame
+    return occupancy(straight_across(frame, s, d, v, turn), frame)
 
 
 RIGHT, LEFT = np.pi / 2, -np.pi / 2
@@ -358,7 +355,7 @@ RIGHT, LEFT = np.pi / 2, -np.pi / 2
     ],
 )
 def test_a_crossing_is_ahead_where_others_will_enter_the_path_at_an_angle(other, there):
-    clear = last_crossing(straight_across(*other), 0, 30.0)
+    clear = last_crossing(crossing(*other), 0, 30.0)
     assert np.isfinite(clear) == there
     if there:
         assert clear == pytest.approx(60.0 + 0.9 + FORD_ESCORT.rear, abs=0.2)
@@ -463,7 +460,7 @@ def test_in_haste_each_second_before_the_last_crossing_costs():
     """It crosses at 40 m: some candidates go before it, some after."""
     hurried = configured(cost={"haste": 1.5}, seed=WITHOUT_PENALTIES)
     calm = configured(seed=WITHOUT_PENALTIES)
-    window = straight_across(60.0, -20.0, 10.0, RIGHT)
+    window = crossing(60.0, -20.0, 10.0, RIGHT)
     road = straight_road(GoalWindow(40, 60, (65.0, 200.0), None, None, None))
     state = state_at(road.frame, 30.0, v=10.0)
     clear, most_waiting = last_crossing(window, 0, 30.0), []

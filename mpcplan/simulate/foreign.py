@@ -104,12 +104,14 @@ class ForeignDriver:
                 "source": self._name, "label": "", "cost": None, "reaches_goal": reaches,
                 "verify": PASSED.as_dict(),
             },
+            "game": None,
             "seeds": {},
             "refusals": str(reasons),
             "options": [],
             "refine": None,
             "verify": PASSED.as_dict(),
             "fallback": str(told["fallback"]) if told.get("fallback") else None,
+            "risks": [],
             "planner": told,
         }  # fmt: skip
 
