@@ -20,7 +20,10 @@ def last_crossing(occupancy: Occupancy, step: int, s: float) -> float:
         step: present time step.
         s: present arc length of the rear axle [m].
     """
-    window = occupancy.window(step, max(occupancy.s.shape[1] - step + occupancy.first_step, 1))
+    window = occupancy
+    if step != occupancy.first_step:  # else all of it is to come, and nothing need be copied
+        left = occupancy.s.shape[1] - step + occupancy.first_step
+        window = occupancy.window(step, max(left, 1))
     half = CAR.width / 2
     with np.errstate(invalid="ignore"):
         on_path = (window.d_low < half) & (window.d_high > -half)
