@@ -1,8 +1,7 @@
 """Solvers of quadratic problems, one interface: min p' H p / 2 + g' p  s.t.  low <= A p <= high.
 
-OSQP is called directly, and so is PIQP where it uses the stages; PIQP, ProxQP and HPIPM through
-CasADi's conic plugins, others through qpsolvers. HPIPM, made for optimal control, wants the problem
-stage by stage (:mod:`mpcplan.refine.stages`).
+OSQP is called directly, and so are HPIPM (:mod:`mpcplan.refine.hpipm`) and PIQP where they use the
+stages of the problem; PIQP and ProxQP through CasADi's conic plugins, others through qpsolvers.
 
 Sources: Stellato et al.: OSQP, Mathematical Programming Computation 12 (2020); Schwan, Jiang, Kuhn,
 Jones: PIQP, a proximal interior-point quadratic programming solver (CDC 2023); Bambade et al.:
@@ -11,7 +10,7 @@ high-performance quadratic programming framework for model predictive control (I
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, Protocol
 
 import casadi as ca
@@ -21,21 +20,22 @@ import piqp
 import scipy.sparse as sp
 
 from mpcplan.errors import InputError
+from mpcplan.refine.hpipm import STATUS, Settings, StageQp
 from mpcplan.refine.layout import Layout
 from mpcplan.refine.rearranged import Rearranged, mirrored
-from mpcplan.refine.stages import stages_of
+from mpcplan.refine.stages import places, stages_of
 from mpcplan.trajectory import Array
 
 POLISHED, EXACT = "solved and polished", "solved by interior point"
-SOLVED = {POLISHED, EXACT, "solved", "solved inaccurate", "maximum iterations reached"}
+SOLVED = {POLISHED, EXACT, "solved", "solved inaccurate", *STATUS[1:3]}
 FREE = 500.0  # scaled bounds beyond this are none
 RHO = 1.0
 RHO_INTERVAL = 25  # iterations between updates of rho; the default goes by wall-clock time
 CHECK_INTERVAL = 10
 LIBRARY = "qpsolvers "  # how the names of qpsolvers' solvers begin
 MULTISTAGE_TOLERANCE = 1e-4  # of scaled rows; the step counts to 2e-3
-UNBUFFERED = ("hpipm",)  # solves wrongly from the second time on through CasADi's buffer
-HPIPM = {"iter_max": 60, "res_g_max": 1e-4, "res_b_max": 1e-6, "res_d_max": 1e-6, "res_m_max": 1e-6}
+HPIPM = Settings(iterations=60, tolerance=1e-5, mu0=100.0)
+FAR = 1e3  # scaled bounds of HPIPM at most
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,17 +55,41 @@ class Answer:
 
 @dataclass(frozen=True, eq=False)
 class Scaled:
-    """A problem in scaled variables and rows; ``hessian`` is the upper triangle."""
+    """A problem in scaled variables and rows.
 
-    hessian: sp.csc_matrix
+    Attributes:
+        layout: of the problem.
+        h, a: data of the Hessian's upper triangle and of the constraints' matrix, in the order of
+            the layout's patterns.
+        gradient, low, high: vectors.
+    """
+
+    layout: Layout
+    h: Array
     gradient: Array
-    matrix: sp.csc_matrix
+    a: Array
     low: Array
     high: Array
 
+    @cached_property
+    def hessian(self) -> sp.csc_matrix:
+        """The Hessian's upper triangle."""
+        return self.layout.h.matrix(self.h)
+
+    @cached_property
+    def matrix(self) -> sp.csc_matrix:
+        """The constraints' matrix."""
+        return self.layout.a.matrix(self.a)
+
 
 class QpBackend(Protocol):
-    """Solves problems of one sparsity one after the other."""
+    """Solves problems of one sparsity one after the other.
+
+    Attributes:
+        levelled: whether its rows are scaled until their largest entry is one.
+    """
+
+    levelled: bool
 
     def __call__(self, problem: Scaled, y: Array | None) -> Answer:
         """The answer; ``y`` are the multipliers of the problem before, in this one's scale."""
@@ -92,6 +116,8 @@ def make_backend(name: str, layout: Layout, iterations: int, tolerance: float) -
 class OsqpBackend:
     """OSQP with polishing, warm-started with the multipliers before."""
 
+    levelled = True
+
     def __init__(self, iterations: int, tolerance: float) -> None:
         self._settings = {
             "verbose": False,
@@ -108,7 +134,8 @@ class OsqpBackend:
 
     def __call__(self, problem: Scaled, y: Array | None) -> Answer:
         """OSQP's answer."""
-        h, g, a, low, high = (getattr(problem, name) for name in Scaled.__dataclass_fields__)
+        h, g, a = problem.hessian, problem.gradient, problem.matrix
+        low, high = problem.low, problem.high
         if self._solver is None:
             self._solver = osqp.OSQP()
             self._solver.setup(h, g, a, low, high, **self._settings)
@@ -132,6 +159,8 @@ class ConicBackend:
     them to CasADi's own matrices would cost a sixth of the solution.
     """
 
+    levelled = True
+
     def __init__(self, plugin: str, options: dict[str, Any]) -> None:
         self._plugin, self._options = plugin, options
         self._ready = False
@@ -144,7 +173,8 @@ class ConicBackend:
         given = (self._whole(problem.hessian).data, problem.gradient, problem.matrix.data)
         for array, values in zip(self._data, (*given, low, high), strict=True):
             array[:] = values
-        stats = self._run()
+        self._start()
+        stats = self._buffer.stats()
         status = EXACT if stats["success"] else f"failed ({stats.get('return_status', '?')})"
         iterations = max(int(stats.get("iter_count") or 0), 0)  # -1: not told
         return Answer(self._p.copy(), self._y.copy(), status, iterations)
@@ -154,14 +184,12 @@ class ConicBackend:
         self._whole = Rearranged(upper, mirrored)
         h = self._whole.matrix
         options = {"error_on_fail": False, "print_time": False, **self._options}
-        self._patterns = _pattern(h), _pattern(a)
-        pattern = dict(zip("ha", self._patterns, strict=True))
+        pattern = {"h": _pattern(h), "a": _pattern(a)}
         self._solver = ca.conic("qp", self._plugin, pattern, options)
         rows, columns = a.shape
         self._data = [np.empty(k) for k in (h.nnz, columns, a.nnz, rows, rows)]
         self._p, self._y = np.empty(columns), np.empty(rows)
-        if self._plugin not in UNBUFFERED:
-            self._bind(columns)
+        self._bind(columns)
         self._ready = True
 
     def _bind(self, columns: int) -> None:
@@ -174,21 +202,11 @@ class ConicBackend:
         self._buffer.set_res(0, self._p.data)
         self._buffer.set_res(2, self._y.data)
 
-    def _run(self) -> dict[str, Any]:
-        """Solves what is in the data; returns the solver's statistics."""
-        if self._plugin not in UNBUFFERED:
-            self._start()
-            stats: dict[str, Any] = self._buffer.stats()
-            return stats
-        h, g, a, low, high = self._data
-        matrices = (ca.DM(p, values) for p, values in zip(self._patterns, (h, a), strict=True))
-        found = self._solver(**dict(zip("ha", matrices, strict=True)), g=g, lba=low, uba=high)
-        self._p[:], self._y[:] = (np.asarray(found[name]).ravel() for name in ("x", "lam_a"))
-        return dict(self._solver.stats())
-
 
 class MultistageBackend:
     """PIQP with its factorisation for problems in stages, which the layout's order has."""
+
+    levelled = True
 
     def __init__(self, layout: Layout) -> None:
         self._layout = layout
@@ -230,32 +248,56 @@ class MultistageBackend:
 
 
 class HpipmBackend:
-    """HPIPM on the problem ordered by stages."""
+    """HPIPM on the problem in stages. It is not warm-started: an answer depends on its problem
+    alone."""
+
+    levelled = False  # the state that a step leads to has to keep its factor
 
     def __init__(self, layout: Layout) -> None:
+        self._layout = layout
         self._stages = stages = stages_of(layout)
-        sizes = {"N": len(stages.nx) - 1, "nx": stages.nx, "nu": stages.nu, "ng": stages.ng}
-        self._conic = ConicBackend("hpipm", {**sizes, "hpipm": HPIPM})
-        rows, columns = stages.rows, stages.columns
-        a, h = layout.a.ones(), layout.h.ones()
-        self._a = Rearranged(a, lambda m: m[rows][:, columns])
-        self._h = Rearranged(h, lambda m: sp.triu(mirrored(m)[columns][:, columns]))
+        self._solver = solver = StageQp(stages.sizes, HPIPM)
+        self._places = places(layout, stages, solver)
+        solver.data["idxbx"].values[:] = stages.idxbx
+        solver.data["idxbu"].values[:] = stages.idxbu
+        solver.data["lg"].values[:] = -FAR
+        first = solver.data["lbu"].start
+        for k in range(1, layout.n + 1):  # rows are bounded above, slacks below
+            solver.ask("lg", k, np.zeros(stages.sizes.ng[k], bool))
+            upper = ~stages.is_slack[first[k] : first[k] + stages.sizes.nbu[k]]
+            solver.ask("ubu", k, upper)
 
     def __call__(self, problem: Scaled, y: Array | None) -> Answer:
-        """HPIPM's answer, in the original order; it is not warm-started."""
-        stages = self._stages
-        ordered = Scaled(
-            self._h(problem.hessian), problem.gradient[stages.columns], self._a(problem.matrix),
-            problem.low[stages.rows], problem.high[stages.rows],
-        )  # fmt: skip
-        found = self._conic(ordered, None)
-        p, multipliers = np.empty_like(found.p), np.empty_like(found.y)
-        p[stages.columns], multipliers[stages.rows] = found.p, found.y
-        return Answer(p, multipliers, found.status, found.iterations)
+        """HPIPM's answer."""
+        lay, stages, at, solver = self._layout, self._stages, self._places, self._solver
+        data, low, high = solver.data, problem.low, problem.high
+        solver.matrices[at.a_to] = problem.a[at.a_from]
+        solver.matrices[at.h_to] = problem.h
+        solver.matrices[at.h_mirrored] = problem.h
+        data["b"].values[:] = -low[lay.dynamics]
+        data["q"].values[:] = problem.gradient[stages.x]
+        data["r"].values[:] = problem.gradient[stages.u]
+        data["lbx"].values[:], data["ubx"].values[:] = (
+            low[stages.state_boxes],
+            high[stages.state_boxes],
+        )
+        data["lbu"].values[:] = low[stages.input_boxes]
+        data["ubu"].values[:] = np.minimum(high[stages.input_boxes], FAR)
+        data["ug"].values[:] = np.minimum(high[stages.rows], FAR)
+        status, iterations = solver.solve()
+        found = solver.found
+        p, multipliers = np.empty(lay.n_vars), np.empty(lay.n_rows)
+        p[stages.x], p[stages.u] = found["x"].values, found["u"].values
+        multipliers[lay.dynamics] = -found["pi"].values
+        multipliers[stages.rows] = found["lam_ug"].values
+        multipliers[stages.boxes] = found["lam_ub"].values - found["lam_lb"].values
+        return Answer(p, multipliers, EXACT if status == STATUS[0] else status, iterations)
 
 
 class LibraryBackend:
     """A solver of the library qpsolvers, by its name there."""
+
+    levelled = True
 
     def __init__(self, name: str) -> None:
         self._name = name.removeprefix(LIBRARY)

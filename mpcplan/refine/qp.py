@@ -13,7 +13,7 @@ so that the same problem gives the same answer on every machine.
 import numpy as np
 
 from mpcplan.config import Backend
-from mpcplan.refine.backends import EXACT, POLISHED, Answer, Scaled, make_backend
+from mpcplan.refine.backends import EXACT, POLISHED, Answer, QpBackend, Scaled, make_backend
 from mpcplan.refine.layout import Layout
 from mpcplan.refine.problem import Quadratic
 from mpcplan.trajectory import Array
@@ -49,28 +49,33 @@ class QpSolver:
         self._y: Array | None = None
 
     def solve(self, model: Quadratic) -> Answer:
-        """The step of a subproblem."""
-        lay, d, data = self._layout, self._columns, model.matrix * self._a_scale
-        largest = np.full(len(self._lines), SMALLEST)
-        np.maximum.at(largest, lay.a.rows, np.abs(data))
-        r = self._lines / largest
-        scaled = Scaled(
-            lay.h.matrix(model.hessian * self._h_scale), COST * model.gradient * d,
-            lay.a.matrix(data / largest[lay.a.rows]), model.low * r, model.high * r,
-        )  # fmt: skip
-        answer = self._answer(scaled, None if self._y is None else self._y / r * COST)
-        self._y = answer.y * r / COST
-        return Answer(answer.p * d, self._y, answer.status, answer.iterations)
-
-    def _answer(self, problem: Scaled, y: Array | None) -> Answer:
-        """The first exact answer, or the last usable one."""
-        total, best = 0, None
+        """The step of a subproblem: the first exact answer, or the last usable one."""
+        data, total, best = model.matrix * self._a_scale, 0, None
         for solver in self._solvers:
-            answer = solver(problem, y)
+            r = self._levelled(data) if solver.levelled else self._lines
+            answer = self._answer(solver, model, data, r)
             total += answer.iterations
             if best is None or answer.usable:
                 best = answer
             if answer.status in (POLISHED, EXACT):
                 break
         assert best is not None  # there is a solver
+        self._y = best.y
         return Answer(best.p, best.y, best.status, total)
+
+    def _answer(self, solver: QpBackend, model: Quadratic, data: Array, r: Array) -> Answer:
+        """A solver's answer in our units, of the problem with rows in scale r."""
+        d = self._columns
+        level = r / self._lines
+        scaled = Scaled(
+            self._layout, model.hessian * self._h_scale, COST * model.gradient * d,
+            data * level[self._layout.a.rows], model.low * r, model.high * r,
+        )  # fmt: skip
+        answer = solver(scaled, None if self._y is None else self._y / r * COST)
+        return Answer(answer.p * d, answer.y * r / COST, answer.status, answer.iterations)
+
+    def _levelled(self, data: Array) -> Array:
+        """The rows' scale by which their largest entry becomes one."""
+        largest = np.full(len(self._lines), SMALLEST)
+        np.maximum.at(largest, self._layout.a.rows, np.abs(data))
+        return self._lines / largest
