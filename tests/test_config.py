@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from pydantic import BaseModel, Field
 
@@ -157,6 +157,7 @@ texts = st.text(st.characters(min_codepoint=32, max_codepoint=126))
 
 
 @given(toys, texts)
+@example(Toy(), "0E0")  # a number to YAML 1.2, a text to YAML 1.1
 def test_every_configuration_round_trips(tmp_path_factory, toy_section, text):
     config = ToyConfig(toy=toy_section, other=Other(unit_free=text))
     with pytest.MonkeyPatch.context() as patch:

@@ -171,7 +171,8 @@ def stepped(x: Array, u: Array, kappa: Array) -> tuple[Array, Array]:
     """
     n, par = len(x), np.zeros((len(x), N_GIVEN))
     par[:, CURVATURE] = kappa
-    defect, _, nonzeros, *_ = compiled(Config(), DT, n).model(x, u, np.zeros_like(x), par)
+    made, after = compiled(Config(), DT, n), np.zeros_like(x)
+    defect, nonzeros = made.values(x, u, after, par)[0], made.model(x, u, after, par)[1]
     jacobian = np.zeros((n, len(Stage), len(Stage) + 2))
     rows, columns = functions(Config(), DT).dynamics
     jacobian[:, rows, columns] = nonzeros
@@ -677,7 +678,7 @@ def test_refining_lowers_the_cost_and_gives_what_the_vehicle_drives():
     assert np.array_equal(again.states, result.trajectory.states)
     frenet = np.column_stack(seed.road.frame.to_frenet(result.trajectory.states[:, :2]))
     assert result.result.z.x[:, [Stage.S, Stage.D]] == pytest.approx(frenet, abs=1e-2)
-    assert result.tr1[1] < result.tr1[0]
+    assert result.result.tr1[1] < result.result.tr1[0]
 
 
 def test_refining_twice_gives_the_same_bits():

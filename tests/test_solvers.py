@@ -12,8 +12,10 @@ from test_refine import busy_problem, with_refine
 
 from mpcplan.config import Config
 from mpcplan.errors import InputError
+from mpcplan.refine import hpipm
 from mpcplan.refine.backends import EXACT, Answer, make_backend
 from mpcplan.refine.compiled import functions
+from mpcplan.refine.hpipm import Settings, Sizes, StageQp
 from mpcplan.refine.layout import layout
 from mpcplan.refine.problem import Problem
 from mpcplan.refine.qp import QpSolver
@@ -60,7 +62,6 @@ def test_solvers_give_the_same_step_and_multipliers(backend, goal):
 
 @pytest.mark.parametrize("backend", INTERIOR)
 def test_a_solver_answers_the_second_time_as_the_first(backend):
-    """HPIPM through a buffer did not."""
     problem = busy_problem(True, 12)
     config = with_refine(Config(), fresh_backend=backend)
     expected = solve(problem, with_refine(Config(), fresh_backend="piqp").refine)
@@ -90,25 +91,49 @@ def test_a_library_that_is_not_there_is_told(monkeypatch):
         make_backend("qpsolvers clarabel", layout(FUNCTIONS, 5), 100, 1e-4)
 
 
-def test_the_order_by_stages_is_one():
-    """Every variable and row once; dynamics before the rest; no row reaches beyond its stage."""
+def test_every_variable_and_row_has_one_place_in_the_stages():
     lay = layout(FUNCTIONS, 7)
     stages = stages_of(lay)
-    assert sorted(stages.columns) == list(range(lay.n_vars))
-    assert sorted(stages.rows) == list(range(lay.n_rows))
-    assert sum(stages.nx) + sum(stages.nu) == lay.n_vars
-    assert sum(stages.ng) + sum(stages.nx[1:]) == lay.n_rows
-    ends = np.cumsum(np.add(stages.nx, stages.nu))
-    place = np.argsort(stages.columns)
-    matrix = lay.a.ones().tocsr()[stages.rows]
-    at = 0
-    for k, (following, others) in enumerate(zip([*stages.nx[1:], 0], stages.ng, strict=True)):
-        first = ends[k - 1] if k else 0
-        for row in range(at, at + following + others):
-            used = place[matrix.indices[matrix.indptr[row] : matrix.indptr[row + 1]]]
-            beyond = ends[k] + (following if row < at + following else 0)
-            assert used.min() >= first and used.max() < beyond
-        at += following + others
+    assert sorted([*stages.x, *stages.u]) == list(range(lay.n_vars))
+    rows = [*np.arange(lay.dynamics.stop), *stages.rows, *stages.state_boxes, *stages.input_boxes]
+    assert sorted(rows) == list(range(lay.n_rows))
+    assert sorted(stages.boxes) == sorted([*stages.state_boxes, *stages.input_boxes])
+    sizes = stages.sizes
+    assert (sum(sizes.nx), sum(sizes.nu)) == (len(stages.x), len(stages.u))
+    assert sum(sizes.ng) == len(stages.rows)
+    # what bounds a variable bounds it in its stage
+    begin = np.cumsum([0, *sizes.nbx])
+    for k in range(lay.n + 1):
+        boxes = stages.state_boxes[begin[k] : begin[k + 1]]
+        columns = lay.boxed[boxes - lay.box.start]
+        assert (stages.stage[columns] == k).all()
+        assert list(stages.index[columns]) == list(stages.idxbx[begin[k] : begin[k + 1]])
+
+
+def test_a_problem_in_stages_with_a_known_answer():
+    """min u_0^2 / 2 + (x_1 - 2)^2 / 2 with x_1 = u_0 + 1 <= 1.25: the bound's multiplier is 1/2."""
+    solver = StageQp(Sizes((0, 1), (1, 0), (0, 1), (0, 0), (0, 0)), Settings(50, 1e-9, 1.0))
+    given = {"B": 1.0, "b": 1.0, "R": 1.0, "Q": 1.0, "q": -2.0, "lbx": -9.0, "ubx": 1.25}
+    for name, value in given.items():
+        solver.data[name].values[:] = value
+    for _ in range(2):
+        status, iterations = solver.solve()
+        assert status == "solved" and 0 < iterations < 20
+        assert solver.found["u"].values == pytest.approx([0.25], abs=1e-6)
+        assert solver.found["x"].values == pytest.approx([1.25], abs=1e-6)
+        assert solver.found["lam_ub"].values == pytest.approx([0.5], abs=1e-6)
+    solver.ask("ubx", 1, np.array([False]))
+    solver.solve()
+    assert solver.found["x"].values == pytest.approx([1.5], abs=1e-6)
+
+
+def test_hpipm_of_another_casadi_is_told(monkeypatch, tmp_path):
+    monkeypatch.setattr(hpipm.casadi, "__file__", str(tmp_path / "__init__.py"))
+    with pytest.raises(InputError, match=r"backend 'hpipm': CasADi .* does not bring libhpipm\.so"):
+        hpipm._load()
+    monkeypatch.setattr(hpipm.ctypes, "CDLL", lambda path: SimpleNamespace())
+    with pytest.raises(InputError, match=r"another interface of HPIPM; install 3\.8"):
+        hpipm._load()
 
 
 # -- comparison -----------------------------------------------------------------------------------

@@ -173,4 +173,7 @@ def _scalar(value: Any) -> str:
     """A value as YAML on one line."""
     value = list(value) if isinstance(value, tuple) else value
     text: str = yaml.safe_dump(value, default_flow_style=True, width=math.inf)
-    return text.removesuffix("...\n").strip()
+    text = text.removesuffix("...\n").strip()
+    if isinstance(value, str) and parse(text, "") != value:  # a number to us, not to PyYAML: 0E0
+        text = yaml.safe_dump(value, default_style='"', width=math.inf).strip()
+    return text

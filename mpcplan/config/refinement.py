@@ -56,9 +56,9 @@ class RefineConfig(Section):
         ge=0,
         le=10,
     )
-    backend: Backend = par("osqp", "", "QP solver of the subproblems when a plan goes on")
+    backend: Backend = par("hpipm", "", "QP solver of the subproblems when a plan goes on")
     fresh_backend: Backend = par(
-        "piqp multistage",
+        "hpipm",
         "",
         "QP solver for a fresh seed; 'then': where OSQP's answer could not be polished",
     )

@@ -288,7 +288,7 @@ class HpipmBackend:
         found = solver.found
         p, multipliers = np.empty(lay.n_vars), np.empty(lay.n_rows)
         p[stages.x], p[stages.u] = found["x"].values, found["u"].values
-        multipliers[lay.dynamics] = -found["pi"].values
+        multipliers[lay.dynamics] = found["pi"].values
         multipliers[stages.rows] = found["lam_ug"].values
         multipliers[stages.boxes] = found["lam_ub"].values - found["lam_lb"].values
         return Answer(p, multipliers, EXACT if status == STATUS[0] else status, iterations)

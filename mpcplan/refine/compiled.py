@@ -21,11 +21,15 @@ from mpcplan.refine.stage import (
     N_ROWS,
     closeness,
     goal_rows,
+    hard_excess,
     residuals,
     rows,
+    slacks_of,
 )
 from mpcplan.seed.seed import Stage
 from mpcplan.trajectory import Array
+
+SHARED = {"cse": True}  # equal parts of expressions are evaluated once
 
 
 class Mapped:
@@ -57,9 +61,9 @@ class Functions:
     """The functions of a step, and of the goal, with the sparsity of their derivatives.
 
     Attributes:
-        values: of (x, u, x_next, par): the defect x_next - F(x, u), the rows g, the cost and that
-            part of it which TR1 counts.
-        model: of the same: defect, rows, and the nonzeros of dF/d(x, u), dg/dx_next, of the cost's
+        values: of (x, u, x_next, par): the defect x_next - F(x, u), the smallest slacks, the
+            violation of what has none, the cost and that part of it which TR1 counts.
+        model: of the same: the rows g, and the nonzeros of dF/d(x, u), dg/dx_next, of the cost's
             gradient by (u, x_next) and of its convex Hessian's upper triangle.
         goal: of (x, bounds, turn): the goal's rows, and their Jacobian's nonzeros.
         dynamics, of_rows, hessian, of_goal: the sparsities, as (row, column) of each nonzero.
@@ -75,7 +79,8 @@ class Functions:
         tr1 = ca.sumsqr(judged) + near
         cost = tr1 + ca.sumsqr(other)
         given, defect = [x, u, after, par], after - reached
-        self.values = ca.Function("values", given, [defect, g, cost, tr1])
+        values = [defect, slacks_of(g), hard_excess(after, u, g, config), cost, tr1]
+        self.values = ca.Function("values", given, values, SHARED)
         variables = ca.vertcat(u, after)
         by_state = ca.jacobian(reached, ca.vertcat(x, u))
         by_after = ca.jacobian(g, after)
@@ -87,9 +92,8 @@ class Functions:
         sparse = [by_state, by_after, hessian]
         self.dynamics, self.of_rows, self.hessian = (places(m.sparsity()) for m in sparse)
         nonzeros = [_nonzeros(m) for m in sparse]
-        self.model = ca.Function(
-            "model", given, [defect, g, nonzeros[0], nonzeros[1], gradient, nonzeros[2]]
-        )
+        derivatives = [g, nonzeros[0], nonzeros[1], gradient, nonzeros[2]]
+        self.model = ca.Function("model", given, derivatives, SHARED)
         bounds, turn = ca.SX.sym("bounds", N_GOAL), ca.SX.sym("turn", 3)
         at_goal = goal_rows(x, bounds, turn)
         by_last = ca.jacobian(at_goal, x)

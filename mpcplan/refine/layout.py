@@ -17,17 +17,16 @@ from numpy.typing import NDArray
 
 from mpcplan.refine.compiled import Functions
 from mpcplan.refine.model import NU, NX
-from mpcplan.refine.stage import LIMIT_ROW, N_GOAL, N_ROWS, SLACK_OF_ROW, Input, Slack
+from mpcplan.refine.stage import BOXES, LIMIT_ROW, N_GOAL, N_ROWS, SLACK_OF_ROW, Slack
 from mpcplan.seed.seed import Stage
 from mpcplan.trajectory import Array
 
 Index = NDArray[np.int64]
-STATE_SCALE = (1.0, 0.2, 0.05, 0.5, 0.05, 1.0)  # s, d, mu, v, delta, a
+STATE_SCALE = np.array([1.0, 0.2, 0.05, 0.5, 0.05, 1.0])  # s, d, mu, v, delta, a
 INPUT_SCALE = (4.0, 0.05)  # j, w
 SLACK_SCALE = (0.3, 0.1, 0.5)  # in s, in d, acceleration
 GOAL_SCALE = 0.1
 N_STEP = NU + NX + len(Slack)
-BOXES = (NU + Stage.DELTA, NU + Stage.V, NU + Stage.A, Input.W)  # a step's bounded variables
 
 
 @dataclass(frozen=True, eq=False)

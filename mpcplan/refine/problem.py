@@ -24,15 +24,16 @@ Source: Diehl et al.: Fast direct multiple shooting algorithms (2006).
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from mpcplan.config import Config
 from mpcplan.refine.compiled import compiled, functions
 from mpcplan.refine.corridor import Corridor
-from mpcplan.refine.layout import BOXES, STATE_SCALE, Layout, layout
+from mpcplan.refine.layout import STATE_SCALE, Layout, layout
 from mpcplan.refine.reading import FREE, Iterate, Reader, Reading
-from mpcplan.refine.stage import LIMIT_ROW, N_ROWS, SLACK_OF_ROW, Given, Slack, penalty_weights
+from mpcplan.refine.stage import BOXES, Given, box_bounds, penalty_weights
 from mpcplan.road.goal import GoalWindow
 from mpcplan.seed.cost import EDGE
 from mpcplan.seed.seed import Seed, Stage
@@ -42,8 +43,9 @@ from mpcplan.vehicle import FORD_ESCORT as CAR
 SLACK_CURVATURE = 0.1  # quadratic part of the slack penalty
 DAMPING = 1e-5  # added to the Hessian's diagonal
 SLOWEST_LIMIT = 0.5  # m/s, of a speed limit
+READ = 3  # the first of a state's components: what is read off depends on s, d and mu
+NEAR = 0.05  # typical sizes, by which they may move before it is read off again
 FRICTION_LEFT = 0.9  # part of the friction circle that lateral acceleration may take from the start
-_GROUPS = [np.flatnonzero(np.array(SLACK_OF_ROW, dtype=object) == slack) for slack in Slack]
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +137,7 @@ class Problem:
         self.weights = np.append(
             np.tile(penalty_weights(config, dt), n), config.refine.penalty_goal
         )
-        self._box = _boxes(config.refine.actuator_share)
+        self._box = box_bounds(config)
 
     def initial(self) -> Iterate:
         """The seed as an iterate: its states, and the inputs between them."""
@@ -151,42 +153,52 @@ class Problem:
     def at(self, z: Iterate, reading: Reading | None = None) -> Point:
         """Values at an iterate; with a reading, by that instead of the iterate's own."""
         reading = reading or self.read(z)
-        defects, rows, cost, tr1 = self._compiled.values(z.x[:-1], z.u, z.x[1:], reading.par)
-        goal, _ = self._goal(z, reading)
-        slacks = _least_slacks(rows, goal)
-        end = self.terminal @ (z.x[-1] - self.seed.states[self.n]) ** 2
-        low, high, value = self._boxes(z)
-        outside = np.maximum(low - value, value - high).max()
+        made = self._compiled.values(z.x[:-1], z.u, z.x[1:], reading.par)
+        defects, slack, hard, cost, tr1 = made
+        goal, _ = self._compiled.goal(z.x[-1], reading.goal, reading.turn)
+        slacks = np.append(slack, max(float(goal.max()), 0.0))
+        away = z.x[-1] - self.seed.states[self.n]
         return Point(
-            z, reading, defects.copy(), slacks, float(cost.sum() + end), float(tr1.sum()),
-            float(self.weights @ slacks + SLACK_CURVATURE / 2 * slacks @ slacks),
-            max(float(outside), float(rows[:, LIMIT_ROW].max()), 0.0),
+            z, reading, defects.copy(), slacks, float(cost.sum() + self.terminal @ away**2),
+            float(tr1.sum()), float(self.weights @ slacks + SLACK_CURVATURE / 2 * slacks @ slacks),
+            float(hard.max()),
         )  # fmt: skip
+
+    def again(self, point: Point) -> Point:
+        """A point with what is read off there; itself if the iterate has hardly moved since the
+        last reading."""
+        moved = np.abs(point.z.x[:, :READ] - point.reading.x[:, :READ]) / STATE_SCALE[:READ]
+        return point if moved.max() < NEAR else self.at(point.z)
 
     def quadratic(self, point: Point, damping: float = 0.0) -> Quadratic:
         """The quadratic model at an iterate; Levenberg-Marquardt damping in units of the typical
         sizes is added to its Hessian."""
         z, lay, reading = point.z, self.layout, point.reading
-        defects, rows, dynamics, of_rows, gradient, hessian = self._compiled.model(
+        rows, dynamics, of_rows, gradient, hessian = self._compiled.model(
             z.x[:-1], z.u, z.x[1:], reading.par
         )
-        goal, of_goal = self._goal(z, reading)
-        low_box, high_box, value = self._boxes(z)
-        none = np.zeros_like(point.slacks[:-1]).reshape(-1, len(Slack))
-        low = np.concatenate([
-            defects.ravel(), np.full(rows.size + goal.size, -FREE),
-            np.hstack([low_box - value, none]).ravel(), [0.0],
-        ])  # fmt: skip
-        high = np.concatenate([
-            defects.ravel(), -rows.ravel(), -goal.ravel(),
-            np.hstack([high_box - value, none + FREE]).ravel(), [FREE],
-        ])  # fmt: skip
+        goal, of_goal = self._compiled.goal(z.x[-1], reading.goal, reading.turn)
+        low, high, g = (array.copy() for array in self._template)
+        low[lay.dynamics] = high[lay.dynamics] = point.defects.ravel()
+        high[lay.soft], high[lay.at_goal] = -rows.ravel(), -goal.ravel()
+        value = np.hstack([z.u, z.x[1:]])[:, BOXES]
+        for bound, own in zip((low, high), self._box, strict=True):
+            of_steps = bound[lay.box][:-1].reshape(self.n, -1)
+            of_steps[:, : len(BOXES)] = own - value
         data = np.concatenate([dynamics.ravel(), of_rows.ravel(), of_goal.ravel(), lay.constants])
-        g = np.zeros(lay.n_vars)
-        g[lay.u], g[lay.x] = gradient[:, :2], gradient[:, 2:]
+        g[:-1].reshape(self.n, -1)[:, : gradient.shape[1]] = gradient
         g[lay.x[-1]] += 2 * self.terminal * (z.x[-1] - self.seed.states[self.n])
-        g[lay.slacks] = self.weights
         return Quadratic(self._hessian(hessian, damping), g, data, low, np.minimum(high, FREE))
+
+    @cached_property
+    def _template(self) -> tuple[Array, Array, Array]:
+        """Bounds and gradient of the quadratic model as far as they do not change."""
+        lay = self.layout
+        low, high = np.full(lay.n_rows, -FREE), np.full(lay.n_rows, FREE)
+        low[lay.box] = 0.0  # of the slacks
+        gradient = np.zeros(lay.n_vars)
+        gradient[lay.slacks] = self.weights
+        return low, high, gradient
 
     def _hessian(self, nonzeros: Array, damping: float) -> Array:
         """Data of the Hessian's upper triangle, of the nonzeros of its steps."""
@@ -197,15 +209,6 @@ class Problem:
         h[lay.x[-1]] += 2 * self.terminal
         return np.concatenate([h, nonzeros[:, lay.h_apart].ravel()])
 
-    def _goal(self, z: Iterate, reading: Reading) -> list[Array]:
-        """The goal's rows, and their Jacobian's nonzeros."""
-        return self._compiled.goal(z.x[-1], reading.goal, reading.turn)
-
-    def _boxes(self, z: Iterate) -> tuple[Array, Array, Array]:
-        """(4,) lower and upper bounds, and (N, 4) values of the bounded variables."""
-        value = np.hstack([z.u, z.x[1:]])[:, BOXES]
-        return *self._box, value
-
 
 def _shares(n: int, at_edge: bool, edge: int, inside: float) -> Array:
     """(n,) the same share for all steps but for the one at an edge of the drive."""
@@ -213,21 +216,6 @@ def _shares(n: int, at_edge: bool, edge: int, inside: float) -> Array:
     if at_edge:
         shares[edge] = EDGE
     return shares
-
-
-def _boxes(share: float) -> tuple[Array, Array]:
-    """Bounds of the variables :data:`BOXES`: steering angle, speed, acceleration, steering rate."""
-    high = share * np.array([CAR.delta_max, np.inf, CAR.a_max, CAR.v_delta_max])
-    low = -high
-    low[1], high[1] = 0.0, CAR.v_max
-    return low, high
-
-
-def _least_slacks(rows: Array, goal: Array) -> Array:
-    """(3 N + 1,) smallest slacks with which (N, N_ROWS) rows and the goal's hold."""
-    assert rows.shape[1] == N_ROWS
-    groups = [np.maximum(rows[:, group].max(axis=1), 0.0) for group in _GROUPS]
-    return np.append(np.column_stack(groups).ravel(), max(float(goal.max()), 0.0))
 
 
 def step_size(dx: Array) -> float:

@@ -66,10 +66,11 @@ class QpSolver:
     def _answer(self, solver: QpBackend, model: Quadratic, data: Array, r: Array) -> Answer:
         """A solver's answer in our units, of the problem with rows in scale r."""
         d = self._columns
-        level = r / self._lines
+        if r is not self._lines:
+            data = data * (r / self._lines)[self._layout.a.rows]
         scaled = Scaled(
             self._layout, model.hessian * self._h_scale, COST * model.gradient * d,
-            data * level[self._layout.a.rows], model.low * r, model.high * r,
+            data, model.low * r, model.high * r,
         )  # fmt: skip
         answer = solver(scaled, None if self._y is None else self._y / r * COST)
         return Answer(answer.p * d, answer.y * r / COST, answer.status, answer.iterations)

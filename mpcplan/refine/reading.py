@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mpcplan.refine.corridor import Corridor
-from mpcplan.refine.stage import N_GIVEN, Given, Point, body_offset_at, point_at
+from mpcplan.refine.stage import CURVATURE, N_GIVEN, N_GOAL, Given, Point, body_offset_at
 from mpcplan.road.goal import GoalWindow
 from mpcplan.road.road import Road
 from mpcplan.seed.paths import BODY_POINTS
@@ -23,9 +23,11 @@ FREE = 1e4  # no bound
 NO_LEAD = 1e3  # m ahead, in place of infinity
 REACH = 0.25  # m, to either side, over which the edges' slopes are read off
 GAUSS_POINTS = (0.5 - np.sqrt(1 / 12), 0.5 + np.sqrt(1 / 12))  # of a step
+LEAST_STRETCH = 0.1  # of a circle around which the body's points are sought
 SHORTEST_WAY = 0.1  # m, between the Gauss points' places at least
 GOAL_MARGIN = 0.02  # m (and m/s, and 1e-2 of it rad), the window is entered by this much
 AHEAD = np.array(BODY_POINTS)
+NO_GOAL = np.repeat([-FREE, FREE], N_GOAL // 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,11 +46,13 @@ class Reading:
         par: (N, N_GIVEN) parameters of the steps into the states 1..N.
         goal: (8,) bounds of the last body's s, d, speed and heading: lower ones, then upper ones.
         turn: (3,) heading and curvature of the path at an arc length: for the last heading.
+        x: (N + 1, 6) the iterate's states.
     """
 
     par: Array
     goal: Array
     turn: Array
+    x: Array
 
 
 class Reader:
@@ -74,54 +78,58 @@ class Reader:
         """The reading at an iterate."""
         par, frame = self._par.copy(), self._road.frame
         s = z.x[1:, Stage.S]
-        par[:, [Given.KAPPA, Given.KAPPA_SLOPE, Given.KAPPA_FROM]] = self.curvatures(z.x)
+        kappa, bend = frame.curvature(np.stack([s, s + CAR.rear_to_centre]))
+        par[:, CURVATURE] = self.curvatures(z.x)
         par[:, Given.LEAD] = np.minimum(self._lead, s + NO_LEAD)
-        par[:, Given.AT] = s
-        self._read_body(z.x[1:], par)
+        par[:, Given.AT], par[:, Given.BEND] = s, bend
+        self._read_body(z.x[1:], par, kappa, bend)
         last = s[-1:]
-        turn = np.concatenate([frame.heading(last), frame.curvature(last), last])
-        return Reading(par, self._goal_bounds(float(turn[0] + z.x[-1, Stage.MU])), turn)
+        turn = np.concatenate([frame.heading(last), kappa[-1:], last])
+        return Reading(par, self._goal_bounds(float(turn[0] + z.x[-1, Stage.MU])), turn, z.x)
 
     def curvatures(self, x: Array) -> Array:
         """(N, 3) curvature model of every step: kappa_0, kappa_1, s_0."""
         s = x[:-1, Stage.S]
         way = np.maximum(np.abs(x[:-1, Stage.V]) * self._dt, SHORTEST_WAY)
         # the line through the step's two Gauss points integrates a cubic curvature exactly
-        places = np.stack([s + share * way for share in GAUSS_POINTS])
+        model = np.empty((len(s), len(CURVATURE)))
+        places = s + np.multiply.outer(GAUSS_POINTS, way)
         first, second = self._road.frame.curvature(places)
-        return np.column_stack([first, (second - first) / (places[1] - places[0]), places[0]])
+        model[:, 0], model[:, 1] = first, (second - first) / (places[1] - places[0])
+        model[:, 2] = places[0]
+        return model
 
     def project_body(self, x: Array) -> tuple[Array, Array, Array]:
         """(n, 4) arc lengths and offsets of the body's points, and the body's heading there."""
         frame = self._road.frame
-        s, mu = x[:, Stage.S], x[:, Stage.MU]
+        s, d, mu = x[:, Stage.S], x[:, Stage.D], x[:, Stage.MU]
         psi = frame.heading(s) + mu
-        axle = frame.to_cartesian(s, x[:, Stage.D])
-        ahead = np.stack([np.cos(psi), np.sin(psi)], axis=1)
-        points = axle[:, None] + AHEAD[None, :, None] * ahead[:, None]
-        at, offset = frame.to_frenet(points, s[:, None] + AHEAD * np.cos(mu)[:, None])
+        axle = frame.to_cartesian(s, d)
+        along, across = np.cos(mu)[:, None] * AHEAD, np.sin(mu)[:, None] * AHEAD
+        points = np.empty((*along.shape, 2))
+        points[..., 0] = axle[:, 0, None] + np.cos(psi)[:, None] * AHEAD
+        points[..., 1] = axle[:, 1, None] + np.sin(psi)[:, None] * AHEAD
+        # where the points would be if the path was a circle; the projection starts from there
+        kappa = frame.curvature(s + CAR.rear_to_centre)[:, None]
+        near = along / np.maximum(1.0 - kappa * (d[:, None] + across), LEAST_STRETCH)
+        near *= 1.0 - (kappa * near) ** 2 / 3
+        at, offset = frame.to_frenet(points, s[:, None] + near)
         return at, offset, psi[:, None] - frame.heading(at)
 
-    def _read_body(self, x: Array, par: Array) -> None:
+    def _read_body(self, x: Array, par: Array, kappa: Array, bend: Array) -> None:
         """Parameters of the body's points, into their rows."""
-        frame = self._road.frame
-        s, d, mu = (x[:, c] for c in (Stage.S, Stage.D, Stage.MU))
+        d, mu = x[:, Stage.D, None], x[:, Stage.MU, None]
         at, offset, turn = self.project_body(x)
-        kappa, bend = frame.curvature(np.stack([s, s + CAR.rear_to_centre]))
-        par[:, Given.BEND] = bend
-        circle = body_offset_at(d[:, None], mu[:, None], bend[:, None], AHEAD)
+        of_points = par[:, len(Given) :].reshape(len(x), len(AHEAD), len(Point))
+        of_points[..., Point.BIAS] = offset - body_offset_at(d, mu, bend[:, None], AHEAD)
         # the rear axle moves along the path's tangent (angle -mu to the body); a motion of the
         # point along the body's own direction counts sin(turn), one to its left cos(turn)
-        by_s = (1.0 - kappa * d)[:, None] * np.sin(turn - mu[:, None])
+        by_s = (1.0 - kappa[:, None] * d) * np.sin(turn - mu)
         by_s += AHEAD * kappa[:, None] * np.cos(turn)
-        bounds = self.sides(at, turn)
-        for i in range(len(AHEAD)):
-            par[:, point_at(i, Point.BIAS)] = (offset - circle)[:, i]
-            for (value, slope), names in zip(
-                bounds, ((Point.LOW, Point.LOW_SLOPE), (Point.HIGH, Point.HIGH_SLOPE)), strict=True
-            ):
-                par[:, point_at(i, names[0])] = value[:, i]
-                par[:, point_at(i, names[1])] = (slope - by_s)[:, i]
+        low, high = self.sides(at, turn)
+        of_points[..., Point.LOW], of_points[..., Point.HIGH] = low[0], high[0]
+        of_points[..., Point.LOW_SLOPE] = low[1] - by_s
+        of_points[..., Point.HIGH_SLOPE] = high[1] - by_s
 
     def sides(self, at: Array, turn: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
         """Lower and upper bounds of the body's points at (n, 4) arc lengths, with their slopes.
@@ -149,10 +157,11 @@ class Reader:
 
     def _goal_bounds(self, heading: float) -> Array:
         """(8,) bounds of the goal's four values; far where nothing is asked for."""
+        if self._goal is None:
+            return NO_GOAL
         goal = self._goal
-        intervals = (goal.s, goal.d, goal.v, goal.psi) if goal else (None,) * 4
         bounds = []
-        for i, interval in enumerate(intervals):
+        for i, interval in enumerate((goal.s, goal.d, goal.v, goal.psi)):
             margin = GOAL_MARGIN * (0.1 if i == 3 else 1.0)
             bounds.append(_shrunk(interval, margin, heading if i == 3 else None))
         return np.array(bounds).T.ravel()

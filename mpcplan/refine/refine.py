@@ -33,16 +33,15 @@ class Refined:
     Attributes:
         trajectory: the KS model driven by the solution's inputs.
         result: how the SQP went.
-        tr1: the four TR1 terms of the refined part, before and after.
     """
 
     trajectory: Trajectory
     result: SqpResult
-    tr1: tuple[float, float]
 
     def as_dict(self) -> dict[str, Any]:
         """For the trace."""
-        tr1 = {"tr1_before": round(self.tr1[0], 6), "tr1_after": round(self.tr1[1], 6)}
+        before, after = self.result.tr1
+        tr1 = {"tr1_before": round(before, 6), "tr1_after": round(after, 6)}
         return {**self.result.as_dict(), **tr1, "steps": len(self.trajectory.inputs)}
 
 
@@ -69,11 +68,9 @@ def refine(
         return None
     if watch is not None:
         watch(problem, fresh)
-    start = problem.initial()
     result = solve(problem, config.refine, fresh)
-    tr1 = (problem.at(start).tr1, problem.at(result.z).tr1)
     trajectory = simulate(state, _inputs(result.z, float(state[State.V]), dt), dt, seed.first_step)
-    return Refined(trajectory, result, tr1)
+    return Refined(trajectory, result)
 
 
 def make_problem(

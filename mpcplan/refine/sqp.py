@@ -4,16 +4,18 @@ At each iterate the quadratic model is solved for a step p, which is shortened b
 merit function phi(z) = objective + slack penalties + rho |defects|_1 falls (Nocedal and Wright,
 Numerical Optimization, ch. 18). Where no shortened step does that, the model is solved again with
 more Levenberg-Marquardt damping. KKT residuals are computed here from the multipliers, not taken
-from the QP solver.
+from the QP solver, and only when they are asked for.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from mpcplan.config import WHOLE, Backend, RefineConfig
-from mpcplan.refine.problem import SLACK_CURVATURE, Point, Problem, Quadratic, step_size
+from mpcplan.refine.problem import SLACK_CURVATURE, Point, Problem, step_size
 from mpcplan.refine.qp import QpSolver
 from mpcplan.refine.reading import Iterate
 from mpcplan.refine.whole import solve_whole
@@ -55,18 +57,25 @@ class SqpResult:
     Attributes:
         z: the iterate.
         status: 'converged', 'iteration limit', 'no descent' or 'subproblem failed: ...'.
-        iterations: SQP iterations; qp_iterations: those of OSQP in all.
-        kkt: residuals at the last linearisation.
-        cost_before, cost_after: objective plus slack penalties.
+        iterations: SQP iterations; qp_iterations: those of the QP solver in all.
+        cost_before, cost_after: objective plus slack penalties; tr1: the terms of the objective
+            that TR1 counts, before and after.
+        residuals: computes the KKT residuals.
     """
 
     z: Iterate
     status: str
     iterations: int
     qp_iterations: int
-    kkt: Kkt
     cost_before: float
     cost_after: float
+    tr1: tuple[float, float]
+    residuals: Callable[[], Kkt]
+
+    @cached_property
+    def kkt(self) -> Kkt:
+        """KKT residuals at the last iterate with the multipliers of the last subproblem."""
+        return self.residuals()
 
     @property
     def gained(self) -> float:
@@ -97,8 +106,7 @@ def solve(problem: Problem, config: RefineConfig, fresh: bool = True) -> SqpResu
         return _whole(problem, backend, config)
     most = config.fresh_iterations if fresh else config.iterations
     solver = _solver(problem, backend, config)
-    point = problem.at(problem.initial())
-    before = point.cost
+    start = point = problem.at(problem.initial())
     status, qp_iterations, iteration = "iteration limit", 0, 0
     multipliers: Array | None = None
     damping = config.damping
@@ -116,17 +124,17 @@ def solve(problem: Problem, config: RefineConfig, fresh: bool = True) -> SqpResu
                 break
             damping = max(damping * DAMPING_REFUSED, DAMPING_LEAST)
             continue
-        z, size, gain, share = moved
-        point = problem.at(z)
+        trial, size, gain, share = moved
+        point = problem.again(trial)
         damping *= DAMPING_LESS if share == 1.0 else DAMPING_MORE if share < 0.5 else 1.0
-        settled = size < config.tolerance or gain < config.gain * (1.0 + before)
+        settled = size < config.tolerance or gain < config.gain * (1.0 + start.cost)
         if settled and np.abs(point.defects).max() < DEFECT_TOLERANCE:
             status = "converged"
             break
-    kkt = Kkt(*(4 * (float("inf"),)))
-    if multipliers is not None:
-        kkt = _residuals(problem, point, problem.quadratic(point), multipliers)
-    return SqpResult(point.z, status, iteration, qp_iterations, kkt, before, point.cost)
+    return SqpResult(
+        point.z, status, iteration, qp_iterations, start.cost, point.cost, (start.tr1, point.tr1),
+        lambda: _residuals(problem, point, multipliers),
+    )  # fmt: skip
 
 
 def _solver(problem: Problem, backend: Backend, config: RefineConfig) -> QpSolver:
@@ -135,19 +143,26 @@ def _solver(problem: Problem, backend: Backend, config: RefineConfig) -> QpSolve
 
 def _whole(problem: Problem, backend: str, config: RefineConfig) -> SqpResult:
     """The result of a solver of the whole problem; multipliers are those of an exact step."""
-    before = problem.at(problem.initial()).cost
+    start = problem.at(problem.initial())
     answer = solve_whole(problem, backend, config.whole_iterations)
     point = problem.at(answer.z)
-    model = problem.quadratic(point)
-    step = _solver(problem, "piqp", config).solve(model)
-    kkt = _residuals(problem, point, model, step.y)
     status = "converged" if answer.ok else f"{FAILED}: {answer.status}"
-    return SqpResult(point.z, status, 1, answer.iterations, kkt, before, point.cost)
+
+    def residuals() -> Kkt:
+        step = _solver(problem, "piqp", config).solve(problem.quadratic(point))
+        return _residuals(problem, point, step.y)
+
+    return SqpResult(
+        point.z, status, 1, answer.iterations, start.cost, point.cost, (start.tr1, point.tr1),
+        residuals,
+    )  # fmt: skip
 
 
-def _residuals(problem: Problem, point: Point, model: Quadratic, y: Array) -> Kkt:
-    """KKT residuals at an iterate with the multipliers of the last subproblem."""
-    lay = problem.layout
+def _residuals(problem: Problem, point: Point, y: Array | None) -> Kkt:
+    """KKT residuals at a point; infinite where there are no multipliers."""
+    if y is None:
+        return Kkt(*(4 * (float("inf"),)))
+    lay, model = problem.layout, problem.quadratic(point)
     matrix = lay.a.matrix(model.matrix)
     gradient = model.gradient.copy()
     gradient[lay.slacks] += SLACK_CURVATURE * point.slacks
@@ -170,8 +185,8 @@ def _merit(point: Point, rho: float) -> float:
 
 def _line_search(
     problem: Problem, point: Point, p: Array, y: Array, halvings: int
-) -> tuple[Iterate, float, float, float] | None:
-    """The first shortened step that lowers the merit: iterate, scaled size, gain, share.
+) -> tuple[Point, float, float, float] | None:
+    """The first shortened step that lowers the merit: point, scaled size, gain, share.
 
     The merit is taken with what was read off at the iterate, as the model is.
     """
@@ -182,11 +197,11 @@ def _line_search(
     before = _merit(point, rho)
     alpha, whole = 1.0, step_size(dx)
     for _ in range(halvings + 1):
-        trial = Iterate(z.x + alpha * dx, z.u + alpha * du)
-        gain = before - _merit(problem.at(trial, point.reading), rho)
+        trial = problem.at(Iterate(z.x + alpha * dx, z.u + alpha * du), point.reading)
+        gain = before - _merit(trial, rho)
         if gain >= ARMIJO * alpha * abs(before):
             return trial, alpha * whole, gain, alpha
         alpha /= 2
     if whole < STALLED:
-        return z, 0.0, 0.0, 1.0  # the model finds nothing better nearby: this is the optimum
+        return point, 0.0, 0.0, 1.0  # the model finds nothing better nearby: this is the optimum
     return None

@@ -75,6 +75,8 @@ SLACK_OF_ROW = (
 )  # fmt: skip
 N_ROWS = len(SLACK_OF_ROW)
 N_GOAL = 8
+BOXES = (len(Input) + Stage.DELTA, len(Input) + Stage.V, len(Input) + Stage.A, Input.W)
+"""A step's bounded variables among (u, x): steering angle, speed, acceleration, steering rate."""
 CURVATURE = [Given.KAPPA, Given.KAPPA_SLOPE, Given.KAPPA_FROM]
 
 
@@ -141,6 +143,29 @@ def rows(x: ca.SX, par: ca.SX, config: Config) -> ca.SX:
         high = par[point_at(i, Point.HIGH)] + par[point_at(i, Point.HIGH_SLOPE)] * moved
         values += [low - offset, offset - high]
     return ca.vertcat(*values)
+
+
+def slacks_of(g: ca.SX) -> ca.SX:
+    """(3,) smallest slacks with which the rows of a state hold."""
+    groups = [[i for i, s in enumerate(SLACK_OF_ROW) if s == slack] for slack in Slack]
+    return ca.vertcat(*(ca.fmax(ca.mmax(g[group]), 0.0) for group in groups))
+
+
+def box_bounds(config: Config) -> tuple[Array, Array]:
+    """(4,) lower and upper bounds of the variables :data:`BOXES`."""
+    high = config.refine.actuator_share * np.array(
+        [CAR.delta_max, np.inf, CAR.a_max, CAR.v_delta_max]
+    )
+    low = -high
+    low[1], high[1] = 0.0, CAR.v_max
+    return low, high
+
+
+def hard_excess(x: ca.SX, u: ca.SX, g: ca.SX, config: Config) -> ca.SX:
+    """The largest violation of what has no slack: the acceleration limit and the boxes."""
+    low, high = (ca.DM(bound) for bound in box_bounds(config))
+    value = ca.vertcat(u, x)[list(BOXES)]
+    return ca.fmax(ca.mmax(ca.vertcat(g[LIMIT_ROW], value - high, low - value)), 0.0)
 
 
 def goal_rows(x: ca.SX, bounds: ca.SX, turn: ca.SX) -> ca.SX:

@@ -12,12 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mpcplan.refine.hpipm import Sizes, StageQp
-from mpcplan.refine.layout import BOXES, Index, Layout
+from mpcplan.refine.layout import Index, Layout
 from mpcplan.refine.model import NU, NX
 from mpcplan.refine.stage import N_GOAL, N_ROWS, Slack
-
-STATE_BOXES = [column - NU for column in BOXES if column >= NU]
-INPUT_BOXES = [column for column in BOXES if column < NU]
 
 
 @dataclass(frozen=True, eq=False)

@@ -41,22 +41,21 @@ class Frame:
 
     @cached_property
     def _coefficients(self) -> Array:
-        """(n - 1, 4, 2) coefficients of the pieces, lowest power first."""
-        return np.ascontiguousarray(self._curve.c[::-1].transpose(1, 0, 2))
+        """(8, n - 1) coefficients of the pieces: those of x and y, lowest power first."""
+        return np.ascontiguousarray(self._curve.c[::-1].transpose(0, 2, 1)).reshape(8, -1)
 
     def _evaluate(self, s: Array) -> tuple[Array, Array, Array]:
-        """p, p', p'' at arc lengths (m,) inside the ends.
+        """p, p', p'', (2, m) each, at arc lengths (m,) inside the ends.
 
         Direct evaluation: the samples are evenly spaced, so that no search is needed; this is the
         inner loop of projection and refinement.
         """
         piece = (s * (1.0 / self.spacing)).astype(np.int64)
         piece = np.minimum(piece, len(self.s) - 2)
-        u = (s - piece * self.spacing)[:, None]
-        c = self._coefficients[piece]
-        c1, c2, c3 = c[:, 1], c[:, 2], c[:, 3]
-        point = c[:, 0] + u * (c1 + u * (c2 + u * c3))
-        return point, c1 + u * (2 * c2 + 3 * u * c3), 2 * c2 + 6 * u * c3
+        u = s - piece * self.spacing
+        c0, c1, c2, c3 = self._coefficients.take(piece, axis=1).reshape(4, 2, -1)
+        c3u, twice = c3 * u, 2.0 * c2
+        return c0 + u * (c1 + u * (c2 + c3u)), c1 + u * (twice + 3.0 * c3u), twice + 6.0 * c3u
 
     @cached_property
     def _tree(self) -> cKDTree:
@@ -65,14 +64,14 @@ class Frame:
     @cached_property
     def theta(self) -> Array:
         """(n,) unwrapped headings [rad] at ``s``."""
-        tangent = self._evaluate(self.s)[1]
-        return np.unwrap(np.arctan2(tangent[:, 1], tangent[:, 0]))
+        x, y = self._evaluate(self.s)[1]
+        return np.unwrap(np.arctan2(y, x))
 
     @cached_property
     def kappa(self) -> Array:
         """(n,) curvatures [1/m] at ``s``."""
-        _, t, n = self._evaluate(self.s)
-        return (t[:, 0] * n[:, 1] - t[:, 1] * n[:, 0]) / np.hypot(t[:, 0], t[:, 1]) ** 3
+        _, (x, y), (xx, yy) = self._evaluate(self.s)
+        return (x * yy - y * xx) / np.hypot(x, y) ** 3
 
     @cached_property
     def dkappa(self) -> Array:
@@ -113,10 +112,11 @@ class Frame:
         shape, s, d = s.shape, s.ravel(), d.ravel()
         inside = np.clip(s, 0.0, self.length)
         point, tangent, _ = self._evaluate(inside)
-        tangent = tangent / np.hypot(tangent[:, 0], tangent[:, 1])[:, None]
-        normal = np.column_stack([-tangent[:, 1], tangent[:, 0]])
-        point = point + (s - inside)[:, None] * tangent + d[:, None] * normal
-        return point.reshape(*shape, 2)
+        tangent /= np.hypot(*tangent)
+        point += (s - inside) * tangent
+        point[0] -= d * tangent[1]
+        point[1] += d * tangent[0]
+        return point.T.reshape(*shape, 2)
 
     def to_frenet(self, points: Array, near: Array | None = None) -> tuple[Array, Array]:
         """Frenet coordinates (s, d) [m] of (..., 2) points: their nearest point on the path.
@@ -131,34 +131,42 @@ class Frame:
         """
         points = np.asarray(points, float)
         shape = points.shape[:-1]
-        flat = points.reshape(-1, 2)
+        flat = np.ascontiguousarray(points.reshape(-1, 2).T)
         if near is None:
-            s = self.s[self._tree.query(flat)[1]]
+            s = self.s[self._tree.query(flat.T)[1]]
             low, high = s - self.spacing, s + self.spacing
         else:
             s = np.array(near, float).reshape(-1)
             low, high = s - FOLLOW_REACH, s + FOLLOW_REACH
-        going = np.arange(len(flat))
-        for _ in range(NEWTON_ITERATIONS):
-            before = s[going]
-            move = self._newton_step(flat[going], before)
-            s[going] = np.minimum(np.maximum(before - move, low[going]), high[going])
-            going = going[np.abs(s[going] - before) >= NEWTON_TOLERANCE]
-            if not len(going):
-                break
-        inside = np.clip(s, 0.0, self.length)
-        point, tangent, _ = self._evaluate(inside)
-        tangent = tangent / np.hypot(tangent[:, 0], tangent[:, 1])[:, None]
-        offset = flat - point
-        along = (offset * tangent).sum(-1)
-        d = tangent[:, 0] * offset[:, 1] - tangent[:, 1] * offset[:, 0]
+        s, point, tangent = self._nearest(flat, s, low, high)
+        tangent /= np.hypot(*tangent)
+        x, y = flat - point
+        along = x * tangent[0] + y * tangent[1]
+        d = tangent[0] * y - tangent[1] * x
         beyond = (s <= 0.0) | (s >= self.length)
-        s = np.where(beyond, inside + along, s)
+        s = np.where(beyond, np.clip(s, 0.0, self.length) + along, s)
         return s.reshape(shape), d.reshape(shape)
 
-    def _newton_step(self, points: Array, s: Array) -> Array:
-        """Newton step of (p(s) - q) . p'(s) = 0 on the path, inside its ends."""
+    def _nearest(
+        self, points: Array, s: Array, low: Array, high: Array
+    ) -> tuple[Array, Array, Array]:
+        """Newton's method for (p(s) - q) . p'(s) = 0 from s, kept between bounds: s, p and p', for
+        (2, m) points.
+
+        p and p' are those of the last iterate but one, which is nearer than the tolerance: the
+        distance to the path changes by its square.
+        """
         point, tangent, second = self._evaluate(np.clip(s, 0.0, self.length))
-        gap = point - points
-        slope = (tangent * tangent + gap * second).sum(-1)
-        return (gap * tangent).sum(-1) / np.maximum(slope, MIN_STRETCH)
+        for _ in range(NEWTON_ITERATIONS):
+            gap = point - points
+            slope = (tangent * tangent + gap * second).sum(0)
+            move = (gap * tangent).sum(0) / np.maximum(slope, MIN_STRETCH)
+            before = s
+            s = np.minimum(np.maximum(s - move, low), high)
+            far = np.abs(s - before) >= NEWTON_TOLERANCE
+            if not far.any():
+                break
+            found = self._evaluate(np.clip(s[far], 0.0, self.length))
+            for array, part in zip((point, tangent, second), found, strict=True):
+                array[:, far] = part
+        return s, point, tangent
