@@ -68,6 +68,12 @@ class RefineConfig(Section):
     whole_iterations: int = par(
         500, "1", "iterations at most where the problem is solved as a whole", ge=1, le=10000
     )
+    compile: bool = par(
+        True,
+        "",
+        "compile the problem's functions once, where a C compiler is found; the results are the "
+        "same bits",
+    )
     line_search: int = par(6, "1", "halvings of a step at most", ge=0, le=30)
     penalty_lon: float = par(
         200.0, "1/m", "exact penalty on leaving the corridor in s", gt=0, le=1e6

@@ -14,6 +14,7 @@ import numpy as np
 
 from mpcplan.config import Config
 from mpcplan.refine.model import NU, NX, one_step
+from mpcplan.refine.native import as_machine_code
 from mpcplan.refine.stage import (
     CURVATURE,
     N_GIVEN,
@@ -94,6 +95,8 @@ class Functions:
         nonzeros = [_nonzeros(m) for m in sparse]
         derivatives = [g, nonzeros[0], nonzeros[1], gradient, nonzeros[2]]
         self.model = ca.Function("model", given, derivatives, SHARED)
+        if config.refine.compile:
+            self.values, self.model = as_machine_code([self.values, self.model])
         bounds, turn = ca.SX.sym("bounds", N_GOAL), ca.SX.sym("turn", 3)
         at_goal = goal_rows(x, bounds, turn)
         by_last = ca.jacobian(at_goal, x)

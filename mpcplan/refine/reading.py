@@ -9,6 +9,7 @@ their derivatives by s are exact where they were read off.
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from mpcplan.refine.corridor import Corridor
 from mpcplan.refine.stage import CURVATURE, N_GIVEN, N_GOAL, Given, Point, body_offset_at
@@ -22,6 +23,8 @@ from mpcplan.vehicle import FORD_ESCORT as CAR
 FREE = 1e4  # no bound
 NO_LEAD = 1e3  # m ahead, in place of infinity
 REACH = 0.25  # m, to either side, over which the edges' slopes are read off
+AROUND = 1.0  # m, to either side, over which an edge is the strictest for a body far from it
+ROOM = 0.3  # m, from the strictest edge around, from which a body counts as far
 GAUSS_POINTS = (0.5 - np.sqrt(1 / 12), 0.5 + np.sqrt(1 / 12))  # of a step
 LEAST_STRETCH = 0.1  # of a circle around which the body's points are sought
 SHORTEST_WAY = 0.1  # m, between the Gauss points' places at least
@@ -73,6 +76,11 @@ class Reader:
         self._par[:, Given.S_MIN], self._par[:, Given.S_MAX] = later.s_min, later.s_max
         self._par[:, [Given.SLANT_S, Given.SLANT_D, Given.SLANT_MAX]] = later.slant
         self._lead = later.lead
+        samples = 2 * (int(np.ceil(AROUND / road.frame.spacing)) + 1) + 1
+        self._strictest = (
+            maximum_filter1d(road.limits.right, samples),
+            minimum_filter1d(road.limits.left, samples),
+        )
 
     def __call__(self, z: Iterate) -> Reading:
         """The reading at an iterate."""
@@ -126,33 +134,40 @@ class Reader:
         # point along the body's own direction counts sin(turn), one to its left cos(turn)
         by_s = (1.0 - kappa[:, None] * d) * np.sin(turn - mu)
         by_s += AHEAD * kappa[:, None] * np.cos(turn)
-        low, high = self.sides(at, turn)
+        low, high = self.sides(at, offset, turn)
         of_points[..., Point.LOW], of_points[..., Point.HIGH] = low[0], high[0]
         of_points[..., Point.LOW_SLOPE] = low[1] - by_s
         of_points[..., Point.HIGH_SLOPE] = high[1] - by_s
 
-    def sides(self, at: Array, turn: Array) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-        """Lower and upper bounds of the body's points at (n, 4) arc lengths, with their slopes.
+    def sides(
+        self, at: Array, offset: Array, turn: Array
+    ) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+        """Lower and upper bounds, with slopes, of the body's points at (n, 4) s and offsets.
 
         The tighter of the road's edge and the obstacle beside bounds. The edge counts where the
         body's side is, which a turned body has ahead of the point or behind it; an obstacle's bound
-        was made for the body's full half width.
+        was made for the body's full half width. An edge that is nowhere near the body is the
+        strictest one around, and level: the line along a corner of the road far aside would stop
+        the body from moving along the path.
         """
         frame, limits = self._road.frame, self._road.limits
         half = CAR.width / 2 * np.abs(np.cos(turn))
         shift = CAR.width / 2 * np.sin(turn)
         sides = []
-        for edge, beside, sign in (
-            (limits.right, self._beside[0], 1.0),
-            (limits.left, self._beside[1], -1.0),
+        for edge, strictest, beside, sign in (
+            (limits.right, self._strictest[0], self._beside[0], 1.0),
+            (limits.left, self._strictest[1], self._beside[1], -1.0),
         ):
             side = at + sign * shift
             before, here, after = np.interp([side - REACH, side, side + REACH], frame.s, edge)
-            road = here + sign * (half + self._extra)
+            around = np.interp(side, frame.s, strictest)
+            kept = sign * (half + self._extra)
+            far = sign * (offset - around - kept) > ROOM
+            road = np.where(far, around, here) + kept
             other = beside[:, None] + sign * (half - CAR.width / 2)
-            tighter = sign * road >= sign * other
-            slope = np.where(tighter, (after - before) / (2 * REACH), 0.0)
-            sides.append((np.where(tighter, road, other), slope))
+            sloped = (sign * road >= sign * other) & ~far
+            slope = np.where(sloped, (after - before) / (2 * REACH), 0.0)
+            sides.append((sign * np.maximum(sign * road, sign * other), slope))
         return sides[0], sides[1]
 
     def _goal_bounds(self, heading: float) -> Array:

@@ -59,7 +59,7 @@ def bounds_of(problem: Problem, z: Iterate) -> Bounds:
     """The bounds along an iterate of a problem."""
     x, along = z.x[1:], problem.corridor.steps(1, problem.n + 1)
     at, offset, turn = problem.read.project_body(x)
-    (low, _), (high, _) = problem.read.sides(at, turn)
+    (low, _), (high, _) = problem.read.sides(at, offset, turn)
     time = (problem.seed.first_step + np.arange(1, problem.n + 1)) * problem.dt
     return Bounds(
         time, x[:, Stage.S], np.where(along.s_min > -FAR / 2, along.s_min, -np.inf),
