@@ -8,7 +8,7 @@ import numpy as np
 
 from mpcplan.config import Config
 from mpcplan.predict.occupancy import Occupancy
-from mpcplan.refine.corridor import build_corridor, narrowed
+from mpcplan.refine.corridor import Corridor, build_corridor, narrowed
 from mpcplan.refine.problem import Problem
 from mpcplan.refine.reading import Iterate
 from mpcplan.refine.sqp import SqpResult, solve
@@ -34,11 +34,13 @@ class Refined:
         trajectory: the KS model driven by the solution's inputs.
         result: how the SQP went.
         tr1: the four TR1 terms of the refined part, before and after.
+        corridor: in which it was refined, at the steps 0..N.
     """
 
     trajectory: Trajectory
     result: SqpResult
     tr1: tuple[float, float]
+    corridor: Corridor
 
     def as_dict(self) -> dict[str, Any]:
         """For the trace."""
@@ -73,7 +75,7 @@ def refine(
     result = solve(problem, config.refine, fresh)
     tr1 = (problem.at(start).tr1, problem.at(result.z).tr1)
     trajectory = simulate(state, _inputs(result.z, float(state[State.V]), dt), dt, seed.first_step)
-    return Refined(trajectory, result, tr1)
+    return Refined(trajectory, result, tr1, problem.corridor)
 
 
 def make_problem(
