@@ -3,6 +3,7 @@
 from typing import Any
 
 from mpcplan.errors import InputError
+from mpcplan.explain.feared import once, refused_plans
 from mpcplan.explain.read import Trace
 
 EQUAL = 1e-9  # rewards this close are the same
@@ -30,7 +31,11 @@ def cycle_lines(trace: Trace, step: int) -> list[str]:
 def _told(cycle: dict[str, Any]) -> list[str]:
     lines = [f"driven    {_option(cycle['chosen'])}"]
     if cycle.get("fallback"):
-        lines.append(f"fallback  {cycle['fallback']}")
+        lines.append(f"fallback  {once(cycle['fallback'])}")
+    lines += [
+        f"feared    {refused}" for refused in refused_plans(cycle) if refused.obstacle is not None
+    ]
+    lines += [f"risk      {risk}; the next plan comes sooner" for risk in cycle.get("risks", ())]
     others = [o for o in cycle["options"] if o != cycle["chosen"]]
     lines += [f"also      {_option(option)}" for option in others]
     if cycle.get("refine"):
@@ -55,7 +60,9 @@ def _option(option: dict[str, Any]) -> str:
 def _finding(found: dict[str, Any]) -> str:
     obstacle = f" with obstacle {found['obstacle']}" if "obstacle" in found else ""
     step = f" at step {found['step']}" if "step" in found else ""
-    return f"{found.get('check', 'unknown')}{obstacle}{step}"
+    amount = f" ({found.get('detail', '')} {found['amount']:.3g} {found.get('unit', '')}".strip()
+    size = amount.replace("( ", "(") + ")" if found.get("unit") else ""
+    return f"{found.get('check', 'unknown')}{obstacle}{step}" + (f" {size}" if size else "")
 
 
 def _refined(refine: dict[str, Any]) -> str:

@@ -5,9 +5,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from mpcplan.config import Config
 from mpcplan.cycle import Cycle
 from mpcplan.observation import Forecast
 from mpcplan.plan import Option
+from mpcplan.refine.corridor import FAR, Corridor, build_corridor
 from mpcplan.road.road import Road
 from mpcplan.seed.lattice import Lattice
 from mpcplan.seed.seed import COLLISION, Stage
@@ -19,6 +21,7 @@ from mpcplan.vehicle import centres
 SHOWN = 40  # candidates of each kind that are kept, evenly over all
 POINTS = 12  # of a candidate's line
 LOOK = 60  # time steps of the forecast that are kept
+USUAL_HORIZON = 3.0  # s, of the corridor of a plan that goes on as it was
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +35,7 @@ class Candidates:
 
 @dataclass(frozen=True, eq=False)
 class Ribbon:
-    """The corridor in which the plan was refined, at its steps 0..N.
+    """The corridor of a plan, at its steps 0..N.
 
     Attributes:
         left, right: (N + 1, 2) how far the body's sides may go [m], on the map.
@@ -59,7 +62,7 @@ class Considered:
         options: centre lines of what else passed verification, each (n, 2).
         turned_down: of what did not.
         feared: time step and obstacle of the collisions for which plans were turned down.
-        ribbon: the plan's corridor; None: the plan is not a refined one.
+        ribbon: the plan's corridor; None: it has none (emergency braking, no refinement).
         agrees: whether the plan is the one of which the trace tells.
     """
 
@@ -78,6 +81,7 @@ class Considered:
 class Notes:
     """Takes down what the planner shows: a :class:`mpcplan.witness.Witness`."""
 
+    config: Config
     _sampled: list[tuple[Road, Candidates]] = field(default_factory=list)
     last: Considered | None = None
 
@@ -100,8 +104,23 @@ class Notes:
             tuple(centres(o.trajectory.states) for o in options if o is not chosen),
             tuple(centres(o.trajectory.states) for o in refused if o is not chosen),
             _feared(refused),
-            _ribbon(chosen, cycle.observation.acceleration),
+            self._ribbon(cycle, chosen),
         )
+
+    def _ribbon(self, cycle: Cycle, chosen: Option) -> Ribbon | None:
+        """The corridor in which the plan was refined; of one that goes on as it was, the one in
+        which it could have been."""
+        if chosen.seed is None or not self.config.refine.enabled:
+            return None
+        if chosen.refined is not None:
+            corridor, n = chosen.refined.corridor, len(chosen.refined.trajectory.inputs)
+        else:
+            around = cycle.around(chosen.seed.road)
+            corridor = build_corridor(chosen.seed, around, self.config)
+            n = round(USUAL_HORIZON / chosen.trajectory.dt)
+        n = min(n, len(chosen.trajectory.inputs), len(chosen.seed.states) - 1)
+        before = cycle.observation.acceleration
+        return _ribbon(chosen.trajectory, chosen.seed.road, corridor.steps(0, n + 1), before)
 
 
 def _feared(refused: Sequence[Option]) -> tuple[tuple[int, int], ...]:
@@ -144,22 +163,17 @@ def _lines(grid: Lattice, wanted: Array) -> Array:
     return lines
 
 
-def _ribbon(chosen: Option, acceleration: float) -> Ribbon | None:
+def _ribbon(plan: Trajectory, road: Road, corridor: Corridor, acceleration: float) -> Ribbon:
     """The corridor along the plan, with the road's edges where no obstacle is nearer."""
-    if chosen.refined is None or chosen.seed is None:
-        return None
-    road, n = chosen.seed.road, len(chosen.refined.trajectory.inputs)
-    plan = chosen.trajectory
-    n = min(n, len(plan.inputs))
-    states = frenet_states(road.frame, plan.until(plan.first_step + n), acceleration)
-    corridor = chosen.refined.corridor.steps(0, n + 1)
+    last = plan.first_step + len(corridor.s_min) - 1
+    states = frenet_states(road.frame, plan.until(last), acceleration)
     s, half = states[:, Stage.S], CAR.width / 2
     at = s + CAR.rear_to_centre * np.cos(states[:, Stage.MU])
     left = np.minimum(corridor.d_max + half, np.interp(at, road.frame.s, road.limits.left))
     right = np.maximum(corridor.d_min - half, np.interp(at, road.frame.s, road.limits.right))
-    far = 1e3 / 2  # what lies further away is no bound
+    bounded = np.abs(corridor.s_min) < FAR / 2, np.abs(corridor.s_max) < FAR / 2
     return Ribbon(
         road.frame.to_cartesian(at, left), road.frame.to_cartesian(at, right), s - s[0],
-        np.where(corridor.s_min > -far, corridor.s_min - s[0], -np.inf),
-        np.where(corridor.s_max < s.max() + far, corridor.s_max - s[0], np.inf),
+        np.where(bounded[0], corridor.s_min - s[0], -np.inf),
+        np.where(bounded[1], corridor.s_max - s[0], np.inf),
     )  # fmt: skip

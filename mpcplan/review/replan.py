@@ -66,7 +66,7 @@ def replan(
     if any("planner" in cycle.plan.trace for cycle in cycles):
         return Replanned((), f"plans of {cycles[0].plan.source} are not recorded")
     problem = next(p for p in loaded.problems if p.id == drive.problem_id)
-    notes, found = Notes(), list[Considered]()
+    notes, found = Notes(run.config), list[Considered]()
     try:
         again = _Again(loaded, problem, run.config, simulated, notes)
         for cycle in cycles:
@@ -108,6 +108,7 @@ class _Again:
         known = None if simulated else record(loaded.scenario)
         task = Task(road_map(loaded.scenario), problem, FORD_ESCORT, loaded.dt, known)
         self._planner = Planner(task, config, witness=notes)
+        notes.config = self._planner.config
         self._traffic = RecordedTraffic(loaded.scenario)
         self._start = problem.start
         self._last: Trajectory | None = None

@@ -63,9 +63,7 @@ class LookAhead:
         if ribbon is None:
             self._forbidden.set_verts([])
             self._plan.set_data([], [])
-            self._word.set_text(
-                "not known" if known is None else "this plan was not refined: no corridor"
-            )
+            self._word.set_text("not known" if known is None else "this plan has no corridor")
             return
         time = np.arange(len(ribbon.s)) * self._dt
         self._forbidden.set_verts(_areas(ribbon, time, _BELOW * self._top, self._top))

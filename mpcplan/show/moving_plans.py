@@ -12,7 +12,7 @@ from mpcplan.show import colours
 from mpcplan.show.moment import Moment
 from mpcplan.vehicle import centres
 
-_FADED = 0.35  # opacity of what an older cycle considered
+_FRESH, _FADED = 0.8, 0.3  # opacity of what the present cycle considered, and an older one
 _CORRIDOR = f"{colours.CORRIDOR}30"
 
 
@@ -28,7 +28,7 @@ class MovingPlans:
             return found
 
         self._refused = lines(colours.REFUSED, 0.6, "-", 3)
-        self._collided = lines(colours.ALARM, 0.6, "--", 3)
+        self._collided = lines(colours.ALARM, 0.5, "--", 3)
         self._accepted = lines(colours.ACCEPTED, 0.8, "-", 3)
         self._ends = axes.plot([], [], ".", color=colours.ACCEPTED, ms=5, zorder=3)[0]
         self._ribbon = PolyCollection(
@@ -56,7 +56,7 @@ class MovingPlans:
             self._change(known)
             self._of = known
         for artist in (self._refused, self._collided, self._accepted, self._ends):
-            artist.set_alpha(1.0 if now.fresh else _FADED)
+            artist.set_alpha(_FRESH if now.fresh else _FADED)
         points, second = np.empty((0, 2)), 1
         if now.plan is not None:
             points, second = centres(now.plan.states), max(round(1 / now.plan.dt), 1)

@@ -114,9 +114,9 @@ class Screen:
 
     def _write(self, picture: Array, now: Moment) -> None:
         """The words above and on the road, and the frame around it."""
-        finer, loaded = self._finer, self._run.loaded
+        finer = self._finer
         x = self._place[0]
-        head = headline(now, loaded.id, loaded.dt)
+        head = headline(now, self._run.loaded.id, self._drive)
         stamp(picture, head, (x, finer * _HEAD), finer * _HEAD_FONT, bold=True)
         for i, line in enumerate(plan_lines(now, self._replanned.missing)):
             y = finer * (_FIRST + i * _BETWEEN)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mpcplan.show.moment import Moment
+from mpcplan.simulate.run import Drive
 from mpcplan.trajectory import State
 
 WIDTH = 175  # characters of a line
@@ -22,12 +23,16 @@ class Line:
     alarming: bool = False
 
 
-def headline(moment: Moment, scenario: str, dt: float) -> str:
-    """Which run, when, how fast."""
+def headline(moment: Moment, scenario: str, drive: Drive) -> str:
+    """Which run, when, how fast, and how it ended."""
     speed = moment.driven.states[-1, State.V]
+    end, dt = "", moment.driven.dt
+    if moment.step == drive.trajectory.last_step:
+        failed = "collided" if drive.collided else "goal not reached"
+        end = "    " + (failed if drive.reached_step is None else "goal reached")
     return (
         f"{scenario}    t = {moment.step * dt:.1f} s    step {moment.step}    "
-        f"v = {speed:.1f} m/s    {len(moment.ids)} others"
+        f"v = {speed:.1f} m/s    {len(moment.ids)} others{end}"
     )
 
 
