@@ -30,7 +30,9 @@ def _verdict(run: Path, trace: dict[str, Any]) -> tuple[str, str]:
     """What the table of `bench` says of a run, and the cause there; '' for one of `solve`."""
     from mpcplan.bench.store import read_row
 
-    row = read_row(run.parent.parent / "rows" / f"{trace.get('scenario')}.json")
+    # a row is named after the scenario's file, which may be longer than its id
+    rows = sorted((run.parent.parent / "rows").glob(f"{trace.get('scenario')}*.json"))
+    row = read_row(rows[0]) if rows else None
     if row is None:
         return "", ""
     cause = str(row["cause"])

@@ -108,7 +108,7 @@ def _drive(
 
 def _cycles(told: list[dict[str, Any]], driven: Trajectory) -> tuple[Cycle, ...]:
     """The planning cycles, each with the part of its plan that was driven."""
-    ends = [*(cycle["step"] for cycle in told[1:]), driven.last_step]
+    ends = [*(cycle["step"] for cycle in told), driven.last_step][1:]
     return tuple(
         Cycle(
             cycle["step"],

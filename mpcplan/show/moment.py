@@ -16,6 +16,7 @@ from mpcplan.vehicle import centres
 
 NEAR = 15.0  # m, who comes this near to the plan is drawn in full
 MOST_IN_FULL = 12  # of the others, those who come nearest
+AROUND, LEAST_IN_FULL = 50.0, 5  # m, of those who come no nearer than this, so many too
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +85,8 @@ def _in_full(
     full = np.zeros(len(ids), dtype=bool)
     order = np.argsort(away, kind="stable")[:MOST_IN_FULL]
     full[order[away[order] <= NEAR]] = True
+    few = order[:LEAST_IN_FULL]
+    full[few[away[few] <= AROUND]] = True
     return full | np.array([i in feared for i in ids])
 
 
