@@ -24,10 +24,13 @@ def check_kind(path: Path) -> None:
     """Whether a film can be written to a file of this name.
 
     Raises:
-        InputError: its extension is none of :data:`KINDS`, or what writes it is not installed.
+        InputError: its extension is none of :data:`KINDS`, it is a folder, or what writes it is not
+            installed.
     """
     if path.suffix not in KINDS:
         raise InputError(f"{path}: a film is an {' or a '.join(KINDS)} file")
+    if path.is_dir():
+        raise InputError(f"cannot write {path}: it is a folder")
     if path.suffix == ".mp4":
         _ffmpeg()
 
