@@ -236,6 +236,33 @@ def test_labels_on_demand_and_for_the_feared(known):
     assert len(many._road.labels(now)) > 30
 
 
+@pytest.mark.parametrize(
+    ("fallback", "feared"),
+    [
+        (None, ()),
+        (
+            "emergency braking: search: collision with obstacle 165 at step 30 (gap -1 m)",
+            ((30, 165),),
+        ),
+        ("emergency braking: 0 of 9 candidates of the lattice were drivable", ((12, 166),)),
+    ],
+)
+def test_whom_the_trace_fears_is_shown(known, fallback, feared):
+    """Also where nothing was planned again."""
+    run, _ = known
+    one = crowd(run)
+    first = one.cycles[0]
+    met = {"count": 4, "smallest_violation": 0.1, "unit": "s", "obstacle": 166, "step": 12}
+    seeds = {"lattice": first.plan.trace["seeds"]["lattice"] | {"rejected": {"collision": met}}}
+    trace = first.plan.trace | {"fallback": fallback, "seeds": seeds}
+    one = replace(one, cycles=(replace(first, plan=replace(first.plan, trace=trace)),))
+    now = moment(one, Replanned(()), 0)
+    assert now.feared == feared and now.plan is None
+    picture = Screen(replace(run, drives=(one,)), 0, Replanned((), "nothing"), 60.0).draw(0)
+    road = picture[116:678, 14:856]
+    assert has_colour(road, colours.ALARM) == bool(feared)
+
+
 def test_nobody_around(known):
     run, again = known
     one = run.drives[0]

@@ -8,15 +8,19 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+from matplotlib.colors import to_rgba_array
 from PIL import Image
 
 from mpcplan.errors import InputError
+from mpcplan.show import colours
 from mpcplan.trajectory import Array
 
 KINDS = (".mp4", ".gif")
 MOST_FPS = 100.0  # a GIF counts hundredths of a second
 _COLOURS = 256
+_BAND = 16  # pixels
 _QUALITY = 8  # of 10
+_PRESET = "veryfast"  # of x264, else it takes longer to encode a frame than to draw it
 _EXTRA = "writing .mp4 needs imageio-ffmpeg: pip install 'mpcplan[video]'; .gif works without it"
 
 
@@ -71,7 +75,8 @@ def _closing(partial: Path) -> Iterator[None]:
 
 def _write_gif(frames: Iterable[Array], path: Path, fps: float, typical: Sequence[Array]) -> None:
     """With one palette for all frames, so that what stands still does not flicker."""
-    palette = Image.fromarray(np.concatenate(typical)).quantize(_COLOURS, dither=Image.Dither.NONE)
+    sheet = np.concatenate([*typical, _swatches(typical[0].shape[1])])
+    palette = Image.fromarray(sheet).quantize(_COLOURS, dither=Image.Dither.NONE)
     images = (
         Image.fromarray(frame).quantize(palette=palette, dither=Image.Dither.NONE)
         for frame in frames
@@ -82,6 +87,16 @@ def _write_gif(frames: Iterable[Array], path: Path, fps: float, typical: Sequenc
     )
 
 
+def _swatches(width: int) -> Array:
+    """Bands of the colours that have a meaning: few pixels of a frame may have them."""
+    meant = [
+        "white", *colours.PROBLEMS, colours.TRAFFIC, colours.GOAL, colours.ALARM, colours.ACCEPTED,
+        colours.REFUSED, colours.CORRIDOR, colours.ROAD,
+    ]  # fmt: skip
+    bands = np.rint(255 * to_rgba_array(meant)[:, :3]).astype(np.uint8)
+    return np.repeat(np.repeat(bands, _BAND, axis=0)[:, None], width, axis=1)
+
+
 def _write_mp4(frames: Iterable[Array], path: Path, fps: float) -> None:
     writer = None
     try:
@@ -89,7 +104,7 @@ def _write_mp4(frames: Iterable[Array], path: Path, fps: float) -> None:
             if writer is None:
                 writer = _ffmpeg().write_frames(
                     str(path), frame.shape[1::-1], fps=fps, quality=_QUALITY, macro_block_size=2,
-                    ffmpeg_log_level="error",
+                    ffmpeg_log_level="error", output_params=["-preset", _PRESET],
                 )  # fmt: skip
                 writer.send(None)
             writer.send(np.ascontiguousarray(frame))

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from mpcplan.explain.feared import COLLISION, refused_plans
 from mpcplan.observation import Box
 from mpcplan.review.again import cycle_at
 from mpcplan.review.considered import Considered
@@ -63,9 +65,23 @@ def moment(drive: Drive, replanned: Replanned, step: int) -> Moment:
     cycle = cycle_at(drive.cycles, step) if drive.cycles else None
     considered = replanned.at(cycle) if cycle is not None else None
     feared = considered.feared if considered is not None else ()
+    if not feared and cycle is not None and cycle.plan.trace.get("fallback"):
+        feared = _told(cycle.plan.trace)
     driven = drive.trajectory.until(step)
     full = _in_full(seen.ids, seen.boxes, considered, driven, {who for _, who in feared})
     return Moment(step, driven, seen.ids, seen.boxes, full, feared, cycle, considered)
+
+
+def _told(trace: dict[str, Any]) -> tuple[tuple[int, int], ...]:
+    """Time step and obstacle of the collisions by which a fallback was come to, from the trace:
+    those of plans, else of the candidates that came closest to passing."""
+    plans = {r.obstacle: r.step for r in refused_plans(trace) if r.obstacle is not None}
+    if not plans:
+        rejections = (report["rejected"].get(COLLISION) for report in trace["seeds"].values())
+        plans = {
+            one["obstacle"]: one["step"] for one in rejections if one and one["step"] is not None
+        }
+    return tuple((step, who) for who, step in plans.items())
 
 
 def _in_full(

@@ -13,6 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from PIL import Image
 
 from mpcplan.show import colours
 from mpcplan.show.ground import Ground
@@ -102,9 +103,9 @@ class Screen:
         moving = [*self._road.show(now), *self._strips.show(now), *self._look.show(now)]
         for artist in moving:
             artist.draw(renderer)
-        picture = np.asarray(self._canvas.buffer_rgba())[..., :3].copy()
+        picture = np.asarray(self._canvas.buffer_rgba())
         self._write(picture, now)
-        return picture
+        return np.asarray(Image.fromarray(picture).convert("RGB"))
 
     def _axes(self, place: Sequence[int]) -> Axes:
         """Axes that cover whole pixels (left, bottom, width, height)."""
@@ -131,15 +132,15 @@ class Screen:
             colour = colours.ALARM if label.alarming else "black"
             stamp(picture, label.text, place, finer * _FONT, colour, label.alarming, True, inside)
         self._write_scale(picture, left + finer * _SCALE[0], low - finer * _SCALE[1])
-        picture[[low - height, low - 1], left : left + width] = 0
-        picture[low - height : low, [left, left + width - 1]] = 0
+        picture[[low - height, low - 1], left : left + width, :3] = 0
+        picture[low - height : low, [left, left + width - 1], :3] = 0
 
     def _write_scale(self, picture: Array, x: float, y: float) -> None:
         """A bar of so many metres, from a pixel to the right."""
         metres = scale_length(self._radius)
         pixels = metres * min(self._place[2:]) / 2 / self._radius
         thick = max(round(2 * self._finer), 1)
-        picture[round(y) : round(y) + thick, round(x) : round(x + pixels)] = 0
+        picture[round(y) : round(y) + thick, round(x) : round(x + pixels), :3] = 0
         stamp(picture, f"{metres} m", (x, y - self._finer * 10), self._finer * _FONT)
 
     def _move_to(self, state: Array) -> None:
