@@ -185,8 +185,21 @@ def test_fault_of_the_planner_begins_where_the_goal_was_lost_for_good():
     told = fault_line(failed(cycle(0), lost(3), cycle(6), lost(9), lost(12)))
     assert told is not None and told.startswith("fault     the planner: its plan of step 6 still")
     assert "from step 9 on none did any more: at step 9 3 of 100" in told
-    told = fault_line(failed(cycle(0), lost(3), collided=True))
-    assert told is not None and "before it collided" in told
+
+
+def test_fault_of_a_collision():
+    """Then it is asked since when no plan was safe."""
+    reason = "emergency braking: search: collision with obstacle 7 at step 9 (gap -0.1 m)"
+    braking = lost(6, fallback=reason)
+    crash: dict[str, Any] = {"collided": True, "cause": "collided at step 9; first fallback: it"}
+    told = fault_line(failed(lost(0), lost(3), braking, **crash))
+    assert told is not None
+    assert "the planner: its plan of step 3 was still safe, from step 6 on none was any" in told
+    assert "(collided at step 9)" in told and "obstacle 7 at step 9, gap -0.1 m" in told
+    told = fault_line(failed(braking, **crash))
+    assert told is not None and "a constraint: no plan was safe from the first cycle on" in told
+    told = fault_line(failed(braking, cycle(9), **crash))
+    assert told is not None and "was taken to be safe, and yet collided at step 9" in told
 
 
 def test_fault_of_the_planner_whose_plans_all_reached_the_goal():

@@ -2,14 +2,16 @@
 
 The scenario is at fault where nobody could have solved it. A constraint is, where no plan reached
 the goal from the first cycle on: then it names what refused the candidates. Else the planner is:
-its plans reached the goal, until at some cycle none did any more, and none did again.
+its plans reached the goal, until at some cycle none did any more, and none did again. Of a drive
+that ended in a collision the same is asked of safe plans instead of those to the goal.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from mpcplan.explain.feared import COLLISION, refused_plans
 
+Cycle = dict[str, Any]
 TOLD = 2  # constraints
 NO_SOLUTION = "the scenario has no solution: "
 
@@ -28,7 +30,9 @@ def fault_line(drive: dict[str, Any], scenario: str = "") -> str | None:
     cycles = drive["cycles"]
     if not cycles:
         return f"fault     the scenario: nothing could be planned: {drive.get('cause', '')}"
-    lost = _lost(cycles)
+    if drive.get("collided"):
+        return f"fault     {_collision(cycles, str(drive.get('cause', '')))}"
+    lost = _since(cycles, lambda cycle: not cycle["chosen"]["reaches_goal"])
     if lost is None:
         return (
             "fault     the planner: every plan reached the goal, and yet it was not reached: "
@@ -38,21 +42,40 @@ def fault_line(drive: dict[str, Any], scenario: str = "") -> str | None:
     if lost == 0:
         return f"fault     a constraint: no plan reached the goal from the first cycle on: {why}"
     before, now = cycles[lost - 1]["step"], cycles[lost]["step"]
-    end = "before it collided" if drive.get("collided") else "any more"
     return (
         f"fault     the planner: its plan of step {before} still reached the goal, from step {now} "
-        f"on none did {end}: {why}"
+        f"on none did any more: {why}"
     )
 
 
-def _lost(cycles: Sequence[dict[str, Any]]) -> int | None:
-    """The first of the last cycles whose plans do not reach the goal."""
-    lost = None
+def _collision(cycles: Sequence[Cycle], cause: str) -> str:
+    """Whose fault a collision was."""
+    end = cause.partition(";")[0] or "it collided"
+    lost = _since(cycles, lambda cycle: bool(cycle.get("fallback")))
+    if lost is None:
+        return (
+            f"the planner: its plan of step {cycles[-1]['step']} was taken to be safe, and yet "
+            f"{end}: somebody did not drive as predicted"
+        )
+    plans = refused_plans(cycles[lost])
+    why = f"verification refused its plans by {plans[0]}" if plans else _why(cycles[lost])
+    if lost == 0:
+        return f"a constraint: no plan was safe from the first cycle on ({end}): {why}"
+    before, now = cycles[lost - 1]["step"], cycles[lost]["step"]
+    return (
+        f"the planner: its plan of step {before} was still safe, from step {now} on none was any "
+        f"more ({end}): {why}"
+    )
+
+
+def _since(cycles: Sequence[Cycle], failing: Callable[[Cycle], bool]) -> int | None:
+    """Since which cycle all to the last one fail; None: the last one does not."""
+    since = None
     for index in range(len(cycles) - 1, -1, -1):
-        if cycles[index]["chosen"]["reaches_goal"]:
+        if not failing(cycles[index]):
             break
-        lost = index
-    return lost
+        since = index
+    return since
 
 
 def _why(cycle: dict[str, Any]) -> str:
