@@ -45,6 +45,18 @@ def progress(terminal: TextIO) -> Callable[[int, int], None] | None:
     return tell
 
 
+@contextmanager
+def bar(terminal: TextIO, total: int, what: str) -> Iterator[Callable[[], object]]:
+    """A bar of progress on a terminal, nothing elsewhere; yields what is called for each part."""
+    from tqdm import tqdm
+
+    with tqdm(
+        total=total, desc=what, file=terminal, disable=not terminal.isatty(), leave=False,
+        dynamic_ncols=True,
+    ) as drawn:  # fmt: skip
+        yield drawn.update
+
+
 def doing(terminal: TextIO) -> Callable[[str], None]:
     """A line that says what is being done on a terminal, silence elsewhere."""
 

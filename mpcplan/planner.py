@@ -31,6 +31,7 @@ from mpcplan.seed.track import frenet_states
 from mpcplan.task import Task
 from mpcplan.trajectory import Trajectory
 from mpcplan.verify.guard import Guard
+from mpcplan.witness import Witness
 
 HOPEFUL = "hopeful"  # before the source of a plan that counts on the others' making way
 RISEN = 2.0  # of cost, since the plan was decided on
@@ -41,14 +42,16 @@ class Planner:
     """Plans for one planning problem; built once, then called every cycle."""
 
     def __init__(
-        self, task: Task, config: Config | None = None, watch: Watch | None = None
-    ) -> None:
+        self, task: Task, config: Config | None = None, watch: Watch | None = None,
+        witness: Witness | None = None,
+    ) -> None:  # fmt: skip
         """Builds roads and prediction.
 
         Args:
             task: what is to be planned.
             config: the configuration; None: the defaults.
             watch: is shown every problem of the refinement.
+            witness: is shown what every cycle considers.
 
         Raises:
             RoadError: where no route leads to the goal.
@@ -70,6 +73,7 @@ class Planner:
         self._calm_developer = Developer(goal, self._guard, self._calm, self.dt, watch)
         plays = self.config.game.enabled and not known
         network = task.road_map.lanelet_network
+        self._witness = witness
         self._match = Match(network, self.config, self.dt) if plays else None
         self._last: Option | None = None
         self._decided = float("inf")  # what the last plan was expected to cost
@@ -92,6 +96,8 @@ class Planner:
             self._decided = chosen.cost
         self._last = chosen if chosen.seed is not None else None
         self._driven = chosen.trajectory, forecast
+        if self._witness is not None:
+            self._witness.chose(cycle, chosen, options, refusals)
         risks_now = self._risks(cycle)
         trace = {
             "step": observation.step,
@@ -237,10 +243,11 @@ class Planner:
     ) -> tuple[list[Seed], list[SeedReport]]:
         """Seeds of one road, with the planner's configuration or another one."""
         seen, around = cycle.observation, cycle.around(road)
+        sampled = self._witness.sampled if self._witness is not None else None
         with cycle.clock("seed"):
             return find_seeds(
                 road, seen.state, seen.acceleration, seen.step, around, config or self.config,
-                self.dt, effort, decision,
+                self.dt, effort, decision, sampled,
             )  # fmt: skip
 
     def _continue(self, cycle: Cycle) -> tuple[Seed, Trajectory, bool] | None:

@@ -1,4 +1,4 @@
-"""The command line: solve, explain, evaluate, bench, compete, bound, bench-solvers, compare,
+"""The command line: solve, explain, show, evaluate, bench, compete, bound, bench-solvers, compare,
 forecasts, twin, config.
 
 Exit codes: 0 done (solved, valid), 1 not solved or not valid, 2 bad input, 3 an error of the

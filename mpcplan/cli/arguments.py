@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from mpcplan.cli.many import bench, compete
+from mpcplan.cli.show import show
 from mpcplan.cli.solve import evaluate, solve
 from mpcplan.cli.tools import bench_solvers, bound, compare, config, explain, forecasts, twin
 
@@ -27,6 +28,9 @@ def parser() -> argparse.ArgumentParser:
         "run_folder", type=Path, metavar="RUN", help="folder of `solve`, or a trace of `bench`"
     )
     why.add_argument("--step", type=int, metavar="K", help="tell the cycle of this time step")
+
+    seen = _command(commands, "show", show, "draw a run, its planning cycles, or a film of it")
+    _add_show(seen)
 
     judge = _command(commands, "evaluate", evaluate, "judge a solution by the official checker")
     judge.add_argument("scenario", type=Path, metavar="SCENARIO", help="CommonRoad XML file")
@@ -110,6 +114,37 @@ def _add_config(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--set", action="append", default=[], metavar="SECTION.KEY=VALUE",
         help="change one parameter; may be repeated",
+    )  # fmt: skip
+
+
+def _add_show(seen: argparse.ArgumentParser) -> None:
+    seen.add_argument(
+        "run_folder", type=Path, metavar="RUN", help="folder of `solve`, or a trace of `bench`"
+    )
+    what = seen.add_mutually_exclusive_group()
+    what.add_argument(
+        "--step", metavar="K",
+        help="a picture of this time step with all that was planned; FIRST:LAST:STRIDE or 'all' "
+        "(planning cycles) for a series",
+    )  # fmt: skip
+    what.add_argument("--animate", type=Path, metavar="FILE", help="a film: FILE.mp4 or FILE.gif")
+    seen.add_argument(
+        "--fps", type=float, default=10.0, metavar="N",
+        help="frames per second of the film, one per time step of 0.1 s: 10 is real time (10)",
+    )  # fmt: skip
+    seen.add_argument("--labels", action="store_true", help="write the ids of all others")
+    seen.add_argument(
+        "--radius", type=float, metavar="M",
+        help="metres around the vehicle that are shown (default: by its speed)",
+    )  # fmt: skip
+    seen.add_argument("--problem", type=int, metavar="ID", help="of several planning problems")
+    seen.add_argument(
+        "--scenario", type=Path, metavar="FILE",
+        help="the run's scenario, where it is not where the trace says",
+    )  # fmt: skip
+    seen.add_argument(
+        "--out", type=Path, metavar="FOLDER",
+        help="folder for pictures (default: the run's own; of bench, its folder 'pictures')",
     )  # fmt: skip
 
 

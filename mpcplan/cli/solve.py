@@ -36,7 +36,7 @@ def solve(args: argparse.Namespace) -> int:
         folder = made_folder(args.out or Path("out", loaded.id))
         run = drive(loaded, config, progress(terminal), planner)
         files, judgement = _write(run, folder)
-        rules, told = _rules(run)
+        rules, told = rules_told(run)
     verdict = judgement.verdict if judgement is not None else None
     print("\n".join([_report(run, judgement), *told]))
     with quiet():
@@ -84,7 +84,7 @@ def _report(run: "Run", judgement: "Judgement | None") -> str:
     return "\n".join([f"{run.loaded.id}: {_outcome(run, verdict)}", *lines])
 
 
-def _rules(run: "Run") -> "tuple[tuple[RulesDriven, ...], list[str]]":
+def rules_told(run: "Run") -> "tuple[tuple[RulesDriven, ...], list[str]]":
     """How each drive kept the rules (nothing where that cannot be told), and it in words."""
     from mpcplan.simulate.rules import rules_of, together
 

@@ -2,6 +2,8 @@
 
 import argparse
 import os
+from pathlib import Path
+from typing import Any
 
 from mpcplan.cli.common import FAILED, OK, made_folder
 from mpcplan.console import doing, progress, quiet
@@ -15,8 +17,48 @@ def explain(args: argparse.Namespace) -> int:
     from mpcplan.explain.run import run_lines
 
     trace = read_trace(args.run_folder)
-    print("\n".join(run_lines(trace) if args.step is None else cycle_lines(trace, args.step)))
+    if args.step is not None:
+        lines = cycle_lines(trace, args.step)
+    else:
+        verdict, cause = _verdict(args.run_folder, trace)
+        lines = run_lines(trace, verdict, _scenario_fault(trace, cause))
+    print("\n".join(lines))
     return OK
+
+
+def _verdict(run: Path, trace: dict[str, Any]) -> tuple[str, str]:
+    """What the table of `bench` says of a run, and the cause there; '' for one of `solve`."""
+    from mpcplan.bench.store import read_row
+
+    # a row is named after the scenario's file, which may be longer than its id
+    rows = sorted((run.parent.parent / "rows").glob(f"{trace.get('scenario')}*.json"))
+    row = read_row(rows[0]) if rows else None
+    if row is None:
+        return "", ""
+    cause = str(row["cause"])
+    if row["valid"]:
+        return f"valid, TR1 {row['TR1']:.3f}" if isinstance(row["TR1"], float) else "valid", cause
+    # why it did not reach the goal is told below
+    return f"{row['status']}: {cause}" if row["status"] == "invalid" else str(row["status"]), cause
+
+
+def _scenario_fault(trace: dict[str, Any], cause: str) -> str:
+    """Why nobody can solve the scenario of a failed run; '' where that is not so, or not known."""
+    from mpcplan.explain.fault import NO_SOLUTION
+
+    if cause.startswith(NO_SOLUTION):
+        return cause.partition(";")[0]
+    file, failed = trace.get("file"), any(d.get("reached_step") is None for d in trace["drives"])
+    if not failed or cause or file is None or not Path(file).is_file():
+        return ""
+    with quiet():
+        from mpcplan.road.passable import fault_of
+        from mpcplan.scenario import load
+
+        try:
+            return fault_of(load(file))
+        except MpcplanError:  # the scenario has changed since: the trace still tells its part
+            return ""
 
 
 def bound(args: argparse.Namespace) -> int:

@@ -2,9 +2,13 @@
 
 from typing import Any
 
+import numpy as np
+
 from mpcplan.errors import InputError
+from mpcplan.explain.feared import once, refused_plans
 from mpcplan.explain.read import Trace
 
+LONGEST = 50  # time steps between two cycles, where there is only one
 EQUAL = 1e-9  # rewards this close are the same
 
 
@@ -17,20 +21,42 @@ def cycle_lines(trace: Trace, step: int) -> list[str]:
     lines: list[str] = []
     for drive in trace["drives"]:
         cycles = [c for c in drive["cycles"] if c["step"] <= step]
-        if cycles:
+        if cycles and step <= _end(drive):
             lines.append(f"problem {drive['problem']}, cycle of step {cycles[-1]['step']}")
             lines += _told(cycles[-1])
     if not lines:
-        first = [d["cycles"][0]["step"] for d in trace["drives"] if d["cycles"]]
-        begins = f"; the first one is of step {min(first)}" if first else "; there is none at all"
-        raise InputError(f"no planning cycle at step {step}{begins}")
+        raise InputError(f"no planning cycle at step {step}; {_which(trace, step)}")
     return lines
+
+
+def _end(drive: dict[str, Any]) -> int:
+    """A time step up to which the last cycle's plan may have been driven."""
+    reached, steps = drive.get("reached_step"), [cycle["step"] for cycle in drive["cycles"]]
+    if reached is not None:
+        return int(reached)
+    return int(steps[-1] + max(np.diff(steps), default=LONGEST))
+
+
+def _which(trace: Trace, step: int) -> str:
+    """Which cycles there are, where a step has none."""
+    steps = [cycle["step"] for drive in trace["drives"] for cycle in drive["cycles"]]
+    if not steps:
+        return "there is none at all"
+    return (
+        f"the first one is of step {min(steps)}"
+        if step < min(steps)
+        else f"the last one is of step {max(steps)}"
+    )
 
 
 def _told(cycle: dict[str, Any]) -> list[str]:
     lines = [f"driven    {_option(cycle['chosen'])}"]
     if cycle.get("fallback"):
-        lines.append(f"fallback  {cycle['fallback']}")
+        lines.append(f"fallback  {once(cycle['fallback'])}")
+    lines += [
+        f"feared    {refused}" for refused in refused_plans(cycle) if refused.obstacle is not None
+    ]
+    lines += [f"risk      {risk}; the next plan comes sooner" for risk in cycle.get("risks", ())]
     others = [o for o in cycle["options"] if o != cycle["chosen"]]
     lines += [f"also      {_option(option)}" for option in others]
     if cycle.get("refine"):
@@ -55,7 +81,9 @@ def _option(option: dict[str, Any]) -> str:
 def _finding(found: dict[str, Any]) -> str:
     obstacle = f" with obstacle {found['obstacle']}" if "obstacle" in found else ""
     step = f" at step {found['step']}" if "step" in found else ""
-    return f"{found.get('check', 'unknown')}{obstacle}{step}"
+    amount = f" ({found.get('detail', '')} {found['amount']:.3g} {found.get('unit', '')}".strip()
+    size = amount.replace("( ", "(") + ")" if found.get("unit") else ""
+    return f"{found.get('check', 'unknown')}{obstacle}{step}" + (f" {size}" if size else "")
 
 
 def _refined(refine: dict[str, Any]) -> str:

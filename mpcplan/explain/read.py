@@ -10,6 +10,11 @@ from mpcplan.errors import InputError
 Trace = dict[str, Any]
 
 
+def trace_file(path: Path) -> Path:
+    """The trace's file in a folder of ``solve``, or the path itself."""
+    return path / "trace.json" if path.is_dir() else path
+
+
 def read_trace(path: Path) -> Trace:
     """The trace of a run.
 
@@ -19,7 +24,7 @@ def read_trace(path: Path) -> Trace:
     Raises:
         InputError: there is none, or it is not a trace.
     """
-    file = path / "trace.json" if path.is_dir() else path
+    file = trace_file(path)
     try:
         raw = file.read_bytes()
         text = gzip.decompress(raw) if file.suffix == ".gz" else raw

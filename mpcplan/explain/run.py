@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from mpcplan.explain.fault import fault_line
+from mpcplan.explain.feared import candidates_line, feared_lines, once
 from mpcplan.explain.read import Trace
 
 TOLD_FALLBACKS = 8
@@ -14,28 +16,41 @@ RISE = 2.0  # of cost from one cycle to the next that is told
 TOLD_RISES = 5
 
 
-def run_lines(trace: Trace) -> list[str]:
-    """The run: one paragraph per planning problem, then its notes."""
+def run_lines(trace: Trace, verdict: str = "", scenario: str = "") -> list[str]:
+    """The run: one paragraph per planning problem, then its notes.
+
+    Args:
+        trace: the trace.
+        verdict: what the official checker said, '' where that is not known.
+        scenario: why nobody can solve the scenario, '' where that is not known.
+    """
     lines = [str(trace.get("scenario", ""))]
+    lines += [f"verdict   {verdict}"] if verdict else []
     for drive in trace["drives"]:
-        lines += _drive_lines(drive)
+        lines += _drive_lines(drive, scenario)
     lines += [f"note      {note}" for note in trace.get("notes", ())]
     return lines
 
 
-def _drive_lines(drive: dict[str, Any]) -> list[str]:
+def _drive_lines(drive: dict[str, Any], scenario: str) -> list[str]:
     cycles = drive["cycles"]
     reached = drive.get("reached_step")
     end = f"reached the goal at step {reached}" if reached is not None else "did not reach the goal"
+    if drive.get("collided"):
+        end = "collided"
     lines = [f"problem {drive['problem']}: {end}"]
+    fault = fault_line(drive, scenario)
+    lines += [fault] if fault else []
     if drive.get("cause"):
-        lines.append(f"cause     {drive['cause']}")
+        lines.append(f"cause     {once(drive['cause'])}")
     if not cycles:
         return [*lines, "cycles    none"]
     lines += [
         f"cycles    {len(cycles)}, planned by: {_counted(c['source'] for c in cycles)}",
         f"gained    {_gained(cycles)}",
         *_to_goal(cycles),
+        candidates_line(cycles),
+        *feared_lines(cycles),
         *_fallbacks(cycles),
         *_rises(cycles),
         *_game(cycles),
@@ -82,8 +97,11 @@ def _runs(steps: Sequence[int], cycles: Sequence[dict[str, Any]]) -> str:
 
 
 def _fallbacks(cycles: Sequence[dict[str, Any]]) -> list[str]:
+    """Which fallbacks acted how often, then the first of them with what refused better plans."""
     fell = [c for c in cycles if c.get("fallback")]
-    lines = [f"fallback  step {c['step']}: {c['fallback']}" for c in fell[:TOLD_FALLBACKS]]
+    kinds = _counted(c["fallback"].partition(":")[0] for c in fell)
+    lines = [f"fallbacks {kinds}"] if len(fell) > 1 else []
+    lines += [f"fallback  step {c['step']}: {once(c['fallback'])}" for c in fell[:TOLD_FALLBACKS]]
     if len(fell) > TOLD_FALLBACKS:
         lines.append(f"          and {len(fell) - TOLD_FALLBACKS} more, see --step")
     return lines or ["fallback  none was needed"]

@@ -8,7 +8,7 @@ import numpy as np
 
 from mpcplan.config import Config
 from mpcplan.predict.occupancy import Occupancy
-from mpcplan.refine.corridor import build_corridor, narrowed
+from mpcplan.refine.corridor import Corridor, build_corridor, narrowed
 from mpcplan.refine.problem import Problem
 from mpcplan.refine.reading import Iterate
 from mpcplan.refine.sqp import SqpResult, solve
@@ -33,10 +33,12 @@ class Refined:
     Attributes:
         trajectory: the KS model driven by the solution's inputs.
         result: how the SQP went.
+        corridor: in which it was refined, at the steps 0..N.
     """
 
     trajectory: Trajectory
     result: SqpResult
+    corridor: Corridor
 
     def as_dict(self) -> dict[str, Any]:
         """For the trace."""
@@ -70,7 +72,7 @@ def refine(
         watch(problem, fresh)
     result = solve(problem, config.refine, fresh)
     trajectory = simulate(state, _inputs(result.z, float(state[State.V]), dt), dt, seed.first_step)
-    return Refined(trajectory, result)
+    return Refined(trajectory, result, problem.corridor)
 
 
 def make_problem(

@@ -1,6 +1,6 @@
 """All seeds of one road: the lattice's best, and where asked for those of the speed search."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from enum import Enum
 
@@ -37,16 +37,20 @@ class Effort(Enum):
 def find_seeds(
     road: Road, state: Array, acceleration: float, step: int, occupancy: Occupancy,
     config: Config, dt: float, effort: Effort, decision: Decision | None = None,
+    sampled: Callable[[Road, Lattice], None] | None = None,
 ) -> tuple[list[Seed], list[SeedReport]]:  # fmt: skip
     """Seeds along one road, the cheapest first, with the reports of their sources.
 
     Args:
         effort: when the speed search runs beside the lattice.
         decision: of the level-k game on this road, which becomes a seed too.
+        sampled: is shown the lattice.
     """
     if effort is Effort.NEVER:  # there is a plan already, with its lane changes when they are due
         config = config.model_copy(update={"seed": config.seed.model_copy(update={"delays": ()})})
     grid = lattice(road, state, acceleration, step, occupancy, config, dt)
+    if sampled is not None:
+        sampled(road, grid)
     seeds, reports = list(grid.seeds), [grid.report]
     reached = any(seed.reaches_goal for seed in seeds)
     always = effort in (Effort.ALWAYS, Effort.PLAIN)

@@ -42,7 +42,10 @@ LEADER_TIMES = (2.0, 4.0)  # s, at which leaders are followed
 
 @dataclass(frozen=True, eq=False)
 class Lattice:
-    """The best candidates (best first), the report of the others, and the tables behind them."""
+    """The best candidates (best first), the report of the others, and the tables behind them.
+
+    ``accepted`` and the ``violations`` by constraint are (p, i), over paths and profiles.
+    """
 
     seeds: list[Seed]
     report: SeedReport
@@ -51,6 +54,10 @@ class Lattice:
     blocked: Blocked
     pose: FrenetPose
     motion: Motion
+    profiles: Profiles
+    table: Table
+    accepted: Array
+    violations: dict[str, tuple[Array, str]]
 
 
 def lattice(
@@ -97,7 +104,9 @@ def lattice(
         cost = cost + config.seed.slack_cost * np.maximum(violations[name][0], 0.0)
     report = report_of(broken, violations, accepted, table, blocked, window, step)
     seeds = _finalists(road, paths, profiles, table, cost, accepted, step, config)
-    return Lattice(seeds, report, paths, window, blocked, pose, motion)
+    return Lattice(
+        seeds, report, paths, window, blocked, pose, motion, profiles, table, accepted, violations
+    )
 
 
 def _slacks(config: Config) -> dict[str, float]:

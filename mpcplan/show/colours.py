@@ -14,6 +14,10 @@ ROAD = "#efefef"
 EDGE = "#bdbdbd"
 PLAN = "#555555"
 LIMIT = "#888888"
+ACCEPTED = "#56B4E9"  # candidates that keep all constraints
+REFUSED = "#7f7f7f"
+CORRIDOR = "#CC79A7"
+CHOSEN = "#000000"  # the plan of a cycle
 GRID = "#e4e4e4"
 TIME = ListedColormap(matplotlib.colormaps["viridis"](np.linspace(0, 0.82, 210)))
 

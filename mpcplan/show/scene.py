@@ -63,13 +63,14 @@ def draw_scene(axes: Axes, run: Run, traffic: Traffic) -> None:
 def draw_ground(axes: Axes, run: Run, traffic: Traffic) -> None:
     """Draws map, goals and traffic into axes whose limits are set."""
     axes.set_autoscale_on(False)
-    _draw_road(axes, run)
+    draw_road(axes, run)
     for problem in run.loaded.problems:
-        _draw_goal(axes, problem)
+        draw_goal(axes, problem)
     _draw_traffic(axes, traffic, run.loaded.dt)
 
 
-def _draw_road(axes: Axes, run: Run) -> None:
+def draw_road(axes: Axes, run: Run) -> None:
+    """Draws the lanelets."""
     lanelets = run.loaded.scenario.lanelet_network.lanelets
     areas = [np.vstack([lane.left_vertices, lane.right_vertices[::-1]]) for lane in lanelets]
     edges = [side for lane in lanelets for side in (lane.left_vertices, lane.right_vertices)]
@@ -77,7 +78,8 @@ def _draw_road(axes: Axes, run: Run) -> None:
     axes.add_collection(LineCollection(edges, colors=colours.EDGE, linewidths=0.7, zorder=1))
 
 
-def _draw_goal(axes: Axes, problem: Problem) -> None:
+def draw_goal(axes: Axes, problem: Problem) -> None:
+    """Draws the regions of a problem's goals."""
     goals = problem.planning_problem.goal.state_list
     shapes = [state.position for state in goals if state.has_value("position")]
     polygons = [polygon for shape in shapes for polygon in _polygons(shape)]

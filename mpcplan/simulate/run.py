@@ -150,6 +150,7 @@ class Run:
         """Everything about the run that explains it, JSON-able."""
         return {
             "scenario": self.loaded.id,
+            "file": str(self.loaded.path.resolve()),
             "notes": list(self.notes),
             "config": self.config.model_dump(mode="json"),
             "drives": [_drive_trace(drive) for drive in self.drives],
