@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 def solve(args: argparse.Namespace) -> int:
     """Plan and drive one scenario, and judge the result."""
     from mpcplan.config.files import load_config
+    from mpcplan.plug.configured import check_classes
 
     config = load_config(args.config, args.set)
     os.environ.setdefault("MPLBACKEND", "Agg")
@@ -33,6 +34,7 @@ def solve(args: argparse.Namespace) -> int:
         from mpcplan.simulate.loop import drive
 
         planner = load_planner(args.planner)
+        check_classes(config)
         folder = made_folder(args.out or Path("out", loaded.id))
         run = drive(loaded, config, progress(terminal), planner)
         files, judgement = _write(run, folder)

@@ -21,6 +21,7 @@ import piqp
 import scipy.sparse as sp
 
 from mpcplan.errors import InputError
+from mpcplan.refine.foreign import ForeignBackend
 from mpcplan.refine.layout import Layout
 from mpcplan.refine.rearranged import Rearranged, mirrored
 from mpcplan.refine.stages import stages_of
@@ -78,8 +79,10 @@ def make_backend(name: str, layout: Layout, iterations: int, tolerance: float) -
     solve one.
 
     Raises:
-        InputError: it is one of qpsolvers' and not installed.
+        InputError: it is one of qpsolvers' and not installed, or names no usable class.
     """
+    if ":" in name:
+        return ForeignBackend(name, layout)
     if name == "osqp":
         return OsqpBackend(iterations, tolerance)
     if name == "piqp multistage":

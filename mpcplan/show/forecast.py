@@ -7,11 +7,13 @@ ways of at least `predict.alternative` weight are predicted beside the most like
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.colors import to_rgb
 from matplotlib.figure import Figure
 
 from mpcplan.observation import Box, box_corners
@@ -27,6 +29,7 @@ _SIZE = (13.0, 6.2)  # inches
 _EVERY = 1.0  # s, between drawn boxes
 _AROUND = 10.0  # m, shown around what is predicted
 _MOST = 5.0  # s, of prediction that is drawn
+_AMBER, _OPAQUE = to_rgb(colours.TRAFFIC), 0.6  # of boxes at once, fading with time
 _STYLES = ("-", "--", "-.", ":")
 
 
@@ -126,11 +129,11 @@ def _draw_row(axes: Axes, number: int, row: Array, steps: Array, dt: float, main
     there = np.isfinite(row[:, Box.X])
     if not there.any():
         return
-    corners, soon = box_corners(row[there]), np.exp(-steps[there] * dt / _MOST)
+    soon = np.exp(-steps[there] * dt / _MOST)
+    faces: Any = [(*_AMBER, _OPAQUE * a) for a in soon] if main else "none"
     axes.add_collection(
         PolyCollection(
-            corners, facecolors="none" if not main else [(0.9, 0.62, 0.0, 0.6 * a) for a in soon],
-            edgecolors=colours.ALARM, linestyles="-" if main else "--", lw=0.8, zorder=4,
+            list(box_corners(row[there])), facecolors=faces, edgecolors=colours.ALARM, linestyles="-" if main else "--", lw=0.8, zorder=4,
         )
     )  # fmt: skip
     axes.add_collection(
@@ -140,7 +143,7 @@ def _draw_row(axes: Axes, number: int, row: Array, steps: Array, dt: float, main
     if main:
         x, y = row[there][0, [Box.X, Box.Y]]
         axes.annotate(
-            str(number), row[there][0, [Box.X, Box.Y]], textcoords="offset points", xytext=(0, 8),
+            str(number), (float(x), float(y)), textcoords="offset points", xytext=(0, 8),
             fontsize=8, ha="center", zorder=6,
         )  # fmt: skip
 

@@ -164,11 +164,11 @@ def _draw_players(axes: Axes, looked: LookedInto, moment: Moment, decision: Deci
     now = moment.observation.now
     boxes = np.stack([box for i in decision.beliefs if (box := now.box_of(i)) is not None])
     others = [i for i, number in enumerate(now.ids) if number not in decision.beliefs]
-    for corners, alpha in ((box_corners(boxes), "90"), (box_corners(now.boxes[others]), "28")):
+    for shown, alpha in ((boxes, "90"), (now.boxes[others], "28")):
         axes.add_collection(
             PolyCollection(
-                corners, facecolors=f"{colours.TRAFFIC}{alpha}", edgecolors=colours.TRAFFIC,
-                zorder=4,
+                list(box_corners(shown)), facecolors=f"{colours.TRAFFIC}{alpha}",
+                edgecolors=colours.TRAFFIC, zorder=4,
             )
         )  # fmt: skip
     body = rectangles(moment.observation.state[None])
@@ -184,8 +184,9 @@ def _draw_players(axes: Axes, looked: LookedInto, moment: Moment, decision: Deci
         box = now.box_of(number)
         if box is not None:
             axes.annotate(
-                f"{number}: {decision.orders[number].value}", (float(box[Box.X]), float(box[Box.Y])), fontsize=8,
-                textcoords="offset points", xytext=(0, 10), ha="center", zorder=9,
+                f"{number}: {decision.orders[number].value}",
+                (float(box[Box.X]), float(box[Box.Y])), fontsize=8, ha="center", zorder=9,
+                textcoords="offset points", xytext=(0, 10),
             )  # fmt: skip
     axes.plot(*own.T, color=colours.GOAL, marker="o", ms=3.5, lw=2, zorder=9, label="ego: chosen")
     for level in range(LEVELS):
