@@ -88,7 +88,8 @@ def _source(made: Any, settings: str, dt: float) -> SeedSource:
 
 def _made(made: type[Any], config: Config, dt: float) -> SeedSource:
     """The source for a configuration; built once."""
-    return _source(made, config.model_dump_json(), dt)
+    hashable: Any = made
+    return _source(hashable, config.model_dump_json(), dt)
 
 
 def _present(road: Road, state: Array) -> Array:

@@ -133,7 +133,8 @@ def _draw_row(axes: Axes, number: int, row: Array, steps: Array, dt: float, main
     faces: Any = [(*_AMBER, _OPAQUE * a) for a in soon] if main else "none"
     axes.add_collection(
         PolyCollection(
-            list(box_corners(row[there])), facecolors=faces, edgecolors=colours.ALARM, linestyles="-" if main else "--", lw=0.8, zorder=4,
+            list(box_corners(row[there])), facecolors=faces, edgecolors=colours.ALARM,
+            linestyles="-" if main else "--", lw=0.8, zorder=4,
         )
     )  # fmt: skip
     axes.add_collection(
