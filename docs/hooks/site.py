@@ -63,10 +63,16 @@ def on_page_content(text: str, **kwargs: Any) -> str:
 
 def _mathml(found: re.Match[str]) -> str:
     latex, display = html.unescape(found[3]).strip(), found[2] == "["
+    latex = latex.replace("{aligned}", "{align*}")  # the converter knows only this one
     try:
-        return convert(latex, display="block" if display else "inline")
+        made = convert(latex, display="block" if display else "inline")
     except Exception as error:
         raise PluginError(f"formula {latex!r}: {type(error).__name__}: {error}") from error
+    unknown = re.search(r"\\\w+", made)
+    if unknown is not None:
+        raise PluginError(f"formula {latex!r}: unknown: {unknown[0]}")
+    # browsers mind the style, not the attribute
+    return re.sub(r'columnalign="(left|right)"', r'style="text-align: \1"', made)
 
 
 # ---------------------------------------------------------------- API reference
@@ -82,7 +88,14 @@ def modules(package: str) -> Iterator[str]:
 
 
 def _reference() -> Iterator[tuple[str, str]]:
-    lines = ["# API reference", "", "From the docstrings, by stage.", "", "| Page | Of |", "|---|---|"]
+    lines = [
+        "# API reference",
+        "",
+        "From the docstrings, by stage.",
+        "",
+        "| Page | Of |",
+        "|---|---|",
+    ]
     for page, (title, packages) in API.items():
         of = ", ".join(f"`{name}`" for name in packages)
         lines.append(f"| [{title}]({page}.md) | {of} |")
@@ -116,4 +129,6 @@ def _page(text: str, run: bool) -> str:
         return text
     head, rest = text.split("\n", 1)
     note = "This page was made without executing the notebook: its figures are missing."
-    return f'{head}\n\n!!! note\n    {note} `NOTEBOOKS=run mkdocs build --strict` makes them.\n{rest}'
+    return (
+        f"{head}\n\n!!! note\n    {note} `NOTEBOOKS=run mkdocs build --strict` makes them.\n{rest}"
+    )
