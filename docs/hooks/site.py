@@ -113,8 +113,9 @@ def _notebooks(run: bool) -> Iterator[tuple[str, str | bytes]]:
         if run:
             place = {"metadata": {"path": str(path.parent)}}
             NotebookClient(
-                notebook, timeout=CELL_SECONDS, kernel_name="python3", resources=place
-            ).execute()
+                notebook, timeout=CELL_SECONDS, kernel_name="python3", resources=place,
+                extra_arguments=["--log-level=ERROR"],
+            ).execute()  # fmt: skip
         resources = {"output_files_dir": path.stem, "unique_key": path.stem}
         text, made = MarkdownExporter().from_notebook_node(notebook, resources=resources)
         yield f"notebooks/{path.stem}.md", _page(text, run)
