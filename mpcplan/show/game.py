@@ -33,7 +33,7 @@ _ABOVE, _BELOW = 0.75, 0.5  # and around all of them
 _LONGER = 1.0  # s, shown after the last game
 _AROUND = 12.0  # m, shown around the players
 _LEVEL_COLOURS = (colours.VARIANTS[3], colours.VARIANTS[0], colours.VARIANTS[1])
-_LEVEL_STYLES = (":", "--", "-")
+_LEVEL_WIDTHS = (5.0, 3.0, 1.3)  # where levels coincide all can be seen
 _ORDER_COLOURS = {
     Order.GO: colours.GOAL, Order.YIELD: colours.ALARM, Order.NONE: colours.EDGE,
 }  # fmt: skip
@@ -178,8 +178,8 @@ def _draw_players(axes: Axes, looked: LookedInto, moment: Moment, decision: Deci
             continue
         for level, line in enumerate(lines):
             axes.plot(
-                *line.T, color=_LEVEL_COLOURS[level], ls=_LEVEL_STYLES[level], marker=".", ms=5,
-                lw=1.3, zorder=6 + level, label=None,
+                *line.T, color=_LEVEL_COLOURS[level], lw=_LEVEL_WIDTHS[level],
+                marker=".", ms=5, zorder=6 + level,
             )  # fmt: skip
         box = now.box_of(number)
         if box is not None:
@@ -190,7 +190,7 @@ def _draw_players(axes: Axes, looked: LookedInto, moment: Moment, decision: Deci
             )  # fmt: skip
     axes.plot(*own.T, color=colours.GOAL, marker="o", ms=3.5, lw=2, zorder=9, label="ego: chosen")
     for level in range(LEVELS):
-        axes.plot([], [], color=_LEVEL_COLOURS[level], ls=_LEVEL_STYLES[level], marker=".",
+        axes.plot([], [], color=_LEVEL_COLOURS[level], lw=_LEVEL_WIDTHS[level],
                   label=f"agents at level {level}")  # fmt: skip
     axes.set(xlabel="x [m]", ylabel="y [m]")
     axes.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0, 1.0), ncols=4, frameon=False)
@@ -208,7 +208,7 @@ def _draw_beliefs_now(axes: Axes, decision: Decision) -> None:
         left += shares[:, level]
     axes.set(xlim=(0, 1), xlabel="belief P(k)")
     axes.invert_yaxis()
-    axes.set_title("at which level each agent plays", loc="left", fontsize=10)
+    axes.set_title("beliefs in levels", loc="left", fontsize=10)
     axes.legend(fontsize=8, ncols=LEVELS, loc="lower right", bbox_to_anchor=(1, 1), frameon=False)
     axes.tick_params(labelsize=8)
 
