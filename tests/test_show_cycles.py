@@ -17,17 +17,11 @@ from mpcplan.observation import Box
 from mpcplan.rules.judge import Robustness, RulesDriven
 from mpcplan.seed.judge import TOLERANCE
 from mpcplan.seed.seed import COLLISION
+from mpcplan.show.agents import agents_over_time, plot_beliefs, plot_others
 from mpcplan.show.candidates import ACCEPTED, COLLIDES, candidates_of, plot_candidates
 from mpcplan.show.cycles import LookedInto, look_into
 from mpcplan.show.forecast import foreseen, plot_forecast
-from mpcplan.show.game import (
-    agents_over_time,
-    chosen_path,
-    games,
-    plot_beliefs,
-    plot_decision,
-    plot_others,
-)
+from mpcplan.show.game import chosen_path, games, plot_decision
 from mpcplan.show.refined import refined_plan_at
 from mpcplan.show.rules import plot_rules
 from mpcplan.show.sparsity import plot_sparsity, sparsity_of
