@@ -535,7 +535,7 @@ def solution_bytes(run: Run) -> bytes:
 
 def test_the_documented_example_is_the_shipped_one(here):
     text = (ROOT / "docs" / "planners.md").read_text(encoding="utf-8")
-    example = text.split("```python\n")[1].split("```")[0]
+    example = text.split('```python title="my_planner.py"\n')[1].split("```")[0]
     (here / "my_planner.py").write_text(example)
     make = load_planner("my_planner:ConstantVelocity")
     assert make.args[0] is not ConstantVelocity

@@ -20,9 +20,10 @@ ROOT = Path(__file__).resolve().parents[1]
 SOURCES = sorted((ROOT / "mpcplan").rglob("*.py"))
 DOCUMENTS = [
     *sorted(ROOT.glob("*.md")),
-    *sorted((ROOT / "docs").glob("*.md")),
+    *sorted((ROOT / "docs").rglob("*.md")),
     ROOT / "scenarios" / "README.md",
 ]
+SITE = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 MODULES = {  # import name by distribution, where the two differ
     "commonroad-io": "commonroad",
@@ -40,7 +41,7 @@ INDIRECT = {
 
 def _declared() -> set[str]:
     """Import names of the dependencies, and of the extras that the package itself imports."""
-    tools = "extra == .(dev|notebook)"
+    tools = "extra == .(dev|docs|notebook)"
     lines = [line for line in requires("mpcplan") or [] if not re.search(tools, line)]
     names = {re.split(r"[^A-Za-z0-9_.-]", line)[0].lower() for line in lines}
     return {MODULES.get(name, name.replace("-", "_")) for name in names}
@@ -62,8 +63,11 @@ def _blocks(text: str, language: str) -> list[str]:
 
 
 def _commands(path: Path) -> list[list[str]]:
-    """Arguments of all calls of mpcplan in a document's console blocks."""
-    lines = "\n".join(_blocks(path.read_text(encoding="utf-8"), "console")).splitlines()
+    """Arguments of all calls of mpcplan in a document: in console blocks, and whole in backticks
+    within tables."""
+    text = path.read_text(encoding="utf-8")
+    lines = "\n".join(_blocks(text, "console")).splitlines()
+    lines += re.findall(r"^\|.*\| `(mpcplan [^`]+)`", text, re.MULTILINE)
     calls = [part for line in lines for part in line.removeprefix("$ ").split(" && ")]
     return [shlex.split(call)[1:] for call in calls if call.startswith("mpcplan ")]
 
@@ -106,15 +110,31 @@ def test_package_is_typed():
 def test_links_lead_somewhere(path):
     for target in re.findall(r"\]\(([^)#]+)[^)]*\)", path.read_text(encoding="utf-8")):
         if "://" not in target:
-            assert (path.parent / target).exists(), target
+            assert _source(path, target).exists(), target
+
+
+def _source(page: Path, target: str) -> Path:
+    """The file behind a link; pages that the site makes come of notebooks and packages."""
+    wanted = (page.parent / target).resolve()
+    made = wanted.relative_to(ROOT / "docs") if wanted.is_relative_to(ROOT / "docs") else None
+    if made is not None and made.parts[0] == "notebooks":
+        return (ROOT / made).with_suffix(".ipynb")
+    if made is not None and made.parts[0] == "api":
+        return ROOT / "mkdocs.yml" if str(made) in SITE else wanted
+    return wanted
 
 
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda p: str(p.relative_to(ROOT)))
-def test_anchors_within_a_document_exist(path):
-    text = path.read_text(encoding="utf-8")
-    heads = re.findall(r"^#+ (.+)$", text, re.MULTILINE)
-    known = {re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in heads}
-    assert set(re.findall(r"\]\(#([^)]+)\)", text)) <= known
+def test_anchors_exist(path):
+    for target, anchor in re.findall(r"\]\(([^)#:]*)#([^)]+)\)", path.read_text(encoding="utf-8")):
+        there = (path.parent / target) if target else path
+        assert anchor in _anchors(there), f"{target}#{anchor}"
+
+
+def _anchors(path: Path) -> set[str]:
+    """The headings of a page as anchors."""
+    heads = re.findall(r"^#+ (.+)$", path.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in heads}
 
 
 @pytest.mark.parametrize("path", DOCUMENTS, ids=lambda p: str(p.relative_to(ROOT)))
@@ -122,7 +142,8 @@ def test_commands_in_documents_are_understood(path):
     for call in _commands(path):
         args = parser().parse_args(call)
         config = getattr(args, "config", None)
-        assert config is None or (ROOT / config).is_file()
+        titled = f'title="{config}"' in path.read_text(encoding="utf-8")  # made on the page itself
+        assert config is None or titled or (ROOT / config).is_file()
         scenario = getattr(args, "scenario", None)
         assert scenario is None or scenario.name.isupper() or (ROOT / scenario).exists()
 

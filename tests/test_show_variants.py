@@ -37,7 +37,11 @@ from mpcplan.solvers.record import GOES_ON, TO_GOAL, Recorded, record_problems
 from mpcplan.trajectory import Input, State
 
 ROOT = Path(__file__).resolve().parents[1]
-NOTEBOOK = ROOT / "notebooks" / "sampling_vs_refined.ipynb"
+NOTEBOOKS = {  # with the number of their figures
+    "sampling_vs_refined": 7,  # three scenarios, corridor, convergence, times, results
+    "anatomy_of_a_plan": 7,  # run, forecast, candidates, corridor, sparsity, convergence, tail
+    "interaction": 5,  # run, decision, beliefs, what the others did, rules
+}
 COST = {"Jlon": 100.0, "SR": 0.05, "D": 0.25, "LC": 1.0}
 PALETTE = {
     color.lower()
@@ -401,12 +405,21 @@ def test_results_without_times_or_parts(tmp_path):
     assert [text.get_text() for text in figure.axes[2].texts] == 2 * ["parts unknown"]
 
 
-# ---------------------------------------------------------------- the notebook
+# ---------------------------------------------------------------- the notebooks
+
+
+def test_all_notebooks_are_tested():
+    assert {path.stem for path in (ROOT / "notebooks").glob("*.ipynb")} == set(NOTEBOOKS)
+
+
+@pytest.fixture(params=NOTEBOOKS)
+def notebook_path(request):
+    return ROOT / "notebooks" / f"{request.param}.ipynb"
 
 
 @pytest.fixture
-def notebook():
-    return nbformat.read(NOTEBOOK, as_version=4)
+def notebook(notebook_path):
+    return nbformat.read(notebook_path, as_version=4)
 
 
 def test_notebook_is_committed_clean(notebook):
@@ -420,12 +433,14 @@ def test_notebook_is_committed_clean(notebook):
     assert not re.search(r"(?<![\w.>*)\]\"}])/(home|tmp|work|usr|root|Users|opt)/|[A-Z]:\\\\", text)
 
 
-def test_notebook_links_and_parameters_exist(notebook):
+def test_notebook_links_and_parameters_exist(notebook, notebook_path):
     text = "\n".join(cell.source for cell in notebook.cells if cell.cell_type == "markdown")
     links = re.findall(r"\]\(([^)#]+)", text)
-    assert links and all((NOTEBOOK.parent / link).exists() for link in links)
-    for key in re.findall(r"`refine\.(\w+)`", text):
-        assert hasattr(REFINED.refine, key)
+    assert links and all((notebook_path.parent / link).exists() for link in links)
+    parameters = re.findall(rf"`({'|'.join(Config.model_fields)})\.(\w+)[`=]", text)
+    assert parameters
+    for section, key in parameters:
+        assert hasattr(getattr(REFINED, section), key), f"{section}.{key}"
 
 
 def test_notebook_only_calls(notebook):
@@ -438,22 +453,22 @@ def test_notebook_only_calls(notebook):
 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)  # it drives and benches: minutes on an idle machine
-def test_notebook_runs(notebook, tmp_path):
+def test_notebook_runs(notebook, notebook_path, tmp_path):
     """From a clean kernel in a copy of the tree: no cell fails, and all figures are there."""
     (tmp_path / "pyproject.toml").touch()
     for name in ("configs", "scenarios"):
         (tmp_path / name).symlink_to(ROOT / name)
     folder = tmp_path / "notebooks"
     folder.mkdir()
-    shutil.copy(NOTEBOOK, folder)
+    shutil.copy(notebook_path, folder)
     place = {"metadata": {"path": str(folder)}}
     done = NotebookClient(notebook, timeout=1200, kernel_name="python3", resources=place).execute()
     outputs = [output for cell in done.cells for output in cell.get("outputs", ())]
     assert not [output for output in outputs if output.output_type == "error"]
     figures = [output for output in outputs if "image/png" in output.get("data", {})]
-    assert len(figures) == 7  # three scenarios, corridor, convergence, times, results
+    assert len(figures) == NOTEBOOKS[notebook_path.stem]
     assert all(len(figure.data["image/png"]) > 10_000 for figure in figures)
-    assert [path.name for path in folder.iterdir()] == [NOTEBOOK.name]  # nothing is left behind
+    assert [path.name for path in folder.iterdir()] == [notebook_path.name]  # nothing is left
 
 
 def test_no_global_state_is_touched(pairs, plan):

@@ -1,11 +1,33 @@
 """Exit codes, and what several commands do."""
 
+import argparse
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from mpcplan.console import quiet
 from mpcplan.errors import InputError
 
+if TYPE_CHECKING:
+    from mpcplan.config import Config
+
 OK, FAILED, BAD_INPUT, INTERNAL, INTERRUPTED = 0, 1, 2, 3, 130
+
+
+def configured(args: argparse.Namespace) -> "Config":
+    """The configuration that a command is given, with every class that it names looked up.
+
+    Raises:
+        ConfigError: a key or value is at fault.
+        InputError: a class that is named cannot be used.
+    """
+    from mpcplan.config.files import load_config
+    from mpcplan.plug.configured import check_classes
+
+    config = load_config(args.config, args.set)
+    with quiet():
+        check_classes(config)
+    return config
 
 
 def made_folder(folder: Path) -> Path:

@@ -5,7 +5,7 @@ import signal
 import threading
 from typing import Any
 
-from mpcplan.cli.common import FAILED, INTERRUPTED, OK
+from mpcplan.cli.common import FAILED, INTERRUPTED, OK, configured
 from mpcplan.console import quiet
 
 
@@ -61,6 +61,7 @@ def _many(args: argparse.Namespace, jobs: int) -> dict[str, Any]:
             from mpcplan.simulate.foreign_class import find_class
 
             find_class(args.planner)  # a wrong name is one error, not one per scenario
+    configured(args)  # so is a wrong name in the configuration
     here = jobs if args.engine == "local" and args.jobs is None else args.jobs
     return {
         "engine": open_engine(args.engine, args.address, here),

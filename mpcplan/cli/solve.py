@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mpcplan.cli.common import FAILED, OK, made_folder
+from mpcplan.cli.common import FAILED, OK, configured, made_folder
 from mpcplan.console import progress, quiet
 
 if TYPE_CHECKING:
@@ -21,9 +21,7 @@ if TYPE_CHECKING:
 
 def solve(args: argparse.Namespace) -> int:
     """Plan and drive one scenario, and judge the result."""
-    from mpcplan.config.files import load_config
-
-    config = load_config(args.config, args.set)
+    config = configured(args)
     os.environ.setdefault("MPLBACKEND", "Agg")
     with quiet() as terminal:
         from mpcplan.scenario import load

@@ -5,7 +5,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from mpcplan.cli.common import FAILED, OK, made_folder
+from mpcplan.cli.common import FAILED, OK, configured, made_folder
 from mpcplan.console import doing, progress, quiet
 from mpcplan.errors import InputError, MpcplanError
 
@@ -65,9 +65,8 @@ def bound(args: argparse.Namespace) -> int:
     """Seek the clairvoyant optimum of scenarios."""
     from mpcplan.bench.find import find_scenarios
     from mpcplan.bound.report import bound_lines
-    from mpcplan.config.files import load_config
 
-    config, folder = load_config(args.config, args.set), made_folder(args.out)
+    config, folder = configured(args), made_folder(args.out)
     failed = 0
     for name, path in find_scenarios(args.paths).items():
         try:
@@ -85,9 +84,8 @@ def bound(args: argparse.Namespace) -> int:
 def bench_solvers(args: argparse.Namespace) -> int:
     """Compare solvers of the refinement's problem."""
     from mpcplan.bench.find import find_scenarios
-    from mpcplan.config.files import load_config
 
-    config = load_config(args.config, args.set)
+    config = configured(args)
     paths = list(find_scenarios(args.paths).values())
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     with quiet() as terminal:

@@ -1,19 +1,21 @@
 """Typed, validated configuration: every parameter with its unit, range and meaning."""
 
-from mpcplan.config.base import Section, par
+from mpcplan.config.base import ClassName, Section, par
 from mpcplan.config.decision import GameConfig, SeedConfig
 from mpcplan.config.driving import BoundConfig, DriveConfig, RiskConfig, RulesConfig, VerifyConfig
-from mpcplan.config.refinement import WHOLE, Backend, RefineConfig
+from mpcplan.config.refinement import WHOLE, Backend, KnownBackend, RefineConfig
 from mpcplan.config.surroundings import CostConfig, PredictConfig, RoadConfig
 
 __all__ = [
     "WHOLE",
     "Backend",
     "BoundConfig",
+    "ClassName",
     "Config",
     "CostConfig",
     "DriveConfig",
     "GameConfig",
+    "KnownBackend",
     "PredictConfig",
     "RefineConfig",
     "RiskConfig",

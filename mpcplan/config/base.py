@@ -1,8 +1,12 @@
 """What every parameter and every group of parameters has."""
 
-from typing import Any
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
+
+CLASS = r"([^\W\d]\w*(?:\.[^\W\d]\w*)*):([^\W\d]\w*)"
+ClassName = Annotated[str, Field(pattern=rf"^{CLASS}$")]
+"""The name of a class that is not ours, 'package.module:Class'."""
 
 
 def par(default: Any, unit: str, meaning: str, **limits: Any) -> Any:

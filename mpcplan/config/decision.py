@@ -4,7 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from mpcplan.config.base import Section, par
+from mpcplan.config.base import ClassName, Section, par
 
 
 class SeedConfig(Section):
@@ -66,6 +66,9 @@ class SeedConfig(Section):
         min_length=2,
     )
     search_labels: int = par(1500, "1", "states kept per move of the search", ge=10, le=100000)
+    sources: tuple[ClassName, ...] = par(
+        (), "", "further sources of seeds, beside the lattice and the search"
+    )
     finalists: int = par(2, "1", "candidates that are handed on to the refinement", ge=1, le=10)
 
 

@@ -4,12 +4,13 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from mpcplan.config.base import Section, par
+from mpcplan.config.base import ClassName, Section, par
 
-Backend = Literal[
+KnownBackend = Literal[
     "osqp", "piqp", "piqp multistage", "osqp then piqp", "hpipm", "proxqp", "qpsolvers clarabel",
     "qpsolvers proxqp", "ipopt", "fatrop",
 ]  # fmt: skip
+Backend = KnownBackend | ClassName
 WHOLE = ("ipopt", "fatrop")
 """Backends that solve the nonlinear problem as a whole."""
 

@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from mpcplan.config.base import Section, par
+from mpcplan.config.base import ClassName, Section, par
 
 
 class CostConfig(Section):
@@ -76,7 +76,7 @@ class RoadConfig(Section):
 class PredictConfig(Section):
     """How the other vehicles' motion is predicted."""
 
-    kind: Literal["auto", "recorded", "constant_input", "lane_follow"] = par(
+    kind: Literal["auto", "recorded", "constant_input", "lane_follow"] | ClassName = par(
         "auto",
         "",
         "recorded trajectories, constant acceleration and yaw rate, or along the lanes; auto: "

@@ -36,6 +36,8 @@ def _describe(annotation: Any, limits: Iterable[Any] = ()) -> str:
         return " or ".join(_describe(option, limits) for option in arguments)
     if origin is tuple:
         return f"a list{_length(limits)}, each {_describe(arguments[0])}"
+    if annotation is str and _limit(limits, "pattern") is not None:
+        return "the name of a class of yours, package.module:Class"
     numeric = annotation in (int, float)
     return _TYPES[annotation] + (_range(limits) if numeric else "")
 

@@ -6,6 +6,7 @@ from mpcplan.config import PredictConfig
 from mpcplan.errors import InputError
 from mpcplan.observation import Forecast, Observation
 from mpcplan.predict.constant_input import ConstantInput
+from mpcplan.predict.foreign import ForeignPredictor
 from mpcplan.predict.lane_follow import LaneFollow
 from mpcplan.predict.lateness import LateEgo
 from mpcplan.predict.recorded import Recorded
@@ -24,7 +25,8 @@ def make_predictor(task: Task, config: PredictConfig) -> Predictor:
     """The configured predictor; only ``recorded`` reads trajectories.
 
     Raises:
-        InputError: recorded trajectories are asked for where the traffic reacts and none exist.
+        InputError: recorded trajectories are asked for where the traffic reacts and none exist, or
+            the class that is named cannot be used.
     """
     kind = config.kind
     if kind == "auto":
@@ -33,6 +35,8 @@ def make_predictor(task: Task, config: PredictConfig) -> Predictor:
         return _late(ConstantInput(config, task.dt), config)
     if kind == "lane_follow":
         return _late(LaneFollow(task.road_map.lanelet_network, config, task.dt), config)
+    if ":" in kind:
+        return _late(ForeignPredictor(kind, task, config), config)
     if task.recorded is None:
         raise InputError(
             "predict.kind is 'recorded', but the traffic of an interactive scenario reacts and "

@@ -20,6 +20,7 @@ import piqp
 import scipy.sparse as sp
 
 from mpcplan.errors import InputError
+from mpcplan.refine.foreign import ForeignBackend
 from mpcplan.refine.hpipm import STATUS, Settings, StageQp
 from mpcplan.refine.layout import Layout
 from mpcplan.refine.rearranged import Rearranged, mirrored
@@ -102,8 +103,10 @@ def make_backend(name: str, layout: Layout, iterations: int, tolerance: float) -
     solve one.
 
     Raises:
-        InputError: it is one of qpsolvers' and not installed.
+        InputError: it is one of qpsolvers' and not installed, or names no usable class.
     """
+    if ":" in name:
+        return ForeignBackend(name, layout)
     if name == "osqp":
         return OsqpBackend(iterations, tolerance)
     if name == "piqp multistage":

@@ -1,13 +1,14 @@
 """The quadratic subproblems: min p' H p / 2 + g' p  s.t.  low <= A p <= high, scaled and solved.
 
 Variables are measured in typical sizes and rows in those of what they bound (:mod:`.layout`) before
-a solver (:mod:`mpcplan.refine.backends`) sees them. For most solvers every row is then scaled by its
-largest entry too: without that OSQP's answers cost 5 % more over 30 steps, and half as much again
-over 100. HPIPM, which uses the stages of the problem, is exact and the fastest, and so the default.
-OSQP's polished answers serve where a plan goes on, for the next cycle improves on it anyway; for a
-fresh seed an answer of ADMM's tolerance costs up to a fifth of the result (lane changes, measured
-against IPOPT). 'osqp then piqp' asks the second only where the first could not be polished. Only
-iterations are limited, never time, so that the same problem gives the same answer on every machine.
+a solver (:mod:`mpcplan.refine.backends`) sees them. For most solvers every row is then scaled by
+its largest entry too: without that OSQP's answers cost 5 % more over 30 steps, and half as much
+again over 100. HPIPM, which uses the stages of the problem, is exact and the fastest, and so the
+default. OSQP's polished answers serve where a plan goes on, for the next cycle improves on it
+anyway; for a fresh seed an answer of ADMM's tolerance costs up to a fifth of the result (lane
+changes, measured against IPOPT). 'osqp then piqp' asks the second only where the first could not be
+polished. Only iterations are limited, never time, so that the same problem gives the same answer on
+every machine.
 """
 
 import numpy as np

@@ -11,6 +11,7 @@ from mpcplan.game.decide import Decision
 from mpcplan.predict.occupancy import Occupancy
 from mpcplan.road.road import Road
 from mpcplan.seed.blocked import Blocked, with_margins
+from mpcplan.seed.foreign import foreign_seeds
 from mpcplan.seed.lattice import Lattice, differ, lattice
 from mpcplan.seed.level_k import level_k_seed
 from mpcplan.seed.paths import Paths
@@ -58,6 +59,10 @@ def find_seeds(
         for found, report in _searches(road, grid, step, config, dt, effort, reached):
             seeds += found
             reports.append(report)
+    for spec in config.seed.sources:
+        found, report = foreign_seeds(spec, road, state, acceleration, step, occupancy, config, dt)
+        seeds += found
+        reports.append(report)
     if decision is not None:
         found, report = level_k_seed(
             road, grid.paths, grid.blocked, grid.window, grid.motion, decision, step, config, dt

@@ -60,16 +60,57 @@ class Lattice:
     violations: dict[str, tuple[Array, str]]
 
 
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """All candidates (path p, profile i), and what was said of them.
+
+    Attributes:
+        paths, profiles: of which they are made; profiles that no path can be driven with are left
+            out.
+        table: when they are looked at, and how far they go.
+        violations: (p, i) of every constraint with its unit, at most 0 where it is kept.
+        accepted: (p, i) who keeps all of them.
+        cost: (p, i) of TR1 with penalties.
+        report: in numbers, with the profiles that are left out.
+        window: the others from now on.
+        blocked: where they are in the way.
+        pose, motion: the present ones.
+    """
+
+    paths: Paths
+    profiles: Profiles
+    table: Table
+    violations: dict[str, tuple[Array, str]]
+    accepted: Array
+    cost: Array
+    report: SeedReport
+    window: Occupancy
+    blocked: Blocked
+    pose: FrenetPose
+    motion: Motion
+
+
 def lattice(
-    road: Road,
-    state: Array,
-    acceleration: float,
-    step: int,
-    occupancy: Occupancy,
-    config: Config,
-    dt: float,
-) -> Lattice:
-    """The best candidates of the lattice, best first, and the report of the others.
+    road: Road, state: Array, acceleration: float, step: int, occupancy: Occupancy,
+    config: Config, dt: float,
+) -> Lattice:  # fmt: skip
+    """The best candidates of the lattice, best first, and the report of the others; see
+    :func:`judge_all`."""
+    found = judge_all(road, state, acceleration, step, occupancy, config, dt)
+    seeds = _finalists(
+        road, found.paths, found.profiles, found.table, found.cost, found.accepted, step, config
+    )
+    return Lattice(
+        seeds, found.report, found.paths, found.window, found.blocked, found.pose, found.motion,
+        found.profiles, found.table, found.accepted, found.violations,
+    )  # fmt: skip
+
+
+def judge_all(
+    road: Road, state: Array, acceleration: float, step: int, occupancy: Occupancy,
+    config: Config, dt: float,
+) -> Judged:  # fmt: skip
+    """All candidates of the lattice, judged.
 
     Args:
         road: the road.
@@ -79,7 +120,7 @@ def lattice(
         occupancy: obstacles along the road.
         config: the whole configuration.
         dt: time step [s].
-    """  # fmt: skip
+    """
     count = max(road.last_step - step, 1)
     t = dt * np.arange(count + 1)
     pose = frenet_pose(road, state)
@@ -103,9 +144,8 @@ def lattice(
     for name in slack:
         cost = cost + config.seed.slack_cost * np.maximum(violations[name][0], 0.0)
     report = report_of(broken, violations, accepted, table, blocked, window, step)
-    seeds = _finalists(road, paths, profiles, table, cost, accepted, step, config)
-    return Lattice(
-        seeds, report, paths, window, blocked, pose, motion, profiles, table, accepted, violations
+    return Judged(
+        paths, profiles, table, violations, accepted, cost, report, window, blocked, pose, motion
     )
 
 

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 
 from mpcplan.show import colours
 from mpcplan.show.strips import mark_goal_times, prepare_strip
@@ -19,6 +21,31 @@ RULE_STRIPS = ("rule R_G1 [m]", "rule R_G4 [m/s]")
 MOST = 40.0  # m or m/s, more robustness than this is not shown
 LEAST_HIGH = 5.0  # m or m/s, the scale reaches this far above 0 at least,
 LEAST_LOW = -1.0  # and this far below
+_DPI = 110
+_SIZE = (13.0, 5.0)  # inches
+
+
+def plot_rules(rules: Sequence[RulesDriven], run: Run) -> Figure:
+    """Draws the robustness of R_G1 and R_G4 over a run.
+
+    Args:
+        rules: how each drive kept them, see :func:`mpcplan.simulate.rules.rules_of`.
+        run: what was driven.
+
+    Returns:
+        The figure.
+    """
+    figure = Figure(figsize=_SIZE, dpi=_DPI)
+    FigureCanvasAgg(figure)
+    strips = list(figure.subplots(len(RULE_STRIPS), 1, sharex=True))
+    draw_rules(strips, rules, run)
+    for axes, rule in zip(strips, ("safe_distance", "traffic_flow"), strict=True):
+        if not any(np.isfinite(getattr(drive, rule).values).any() for drive in rules):
+            axes.text(0.5, 0.5, "the rule demands nothing", transform=axes.transAxes, ha="center")
+    kept = ", ".join(drive.kept for drive in rules)
+    figure.suptitle(f"robustness of the traffic rules (safe distance: {kept})", fontsize=12)
+    figure.tight_layout()
+    return figure
 
 
 def draw_rules(strips: Sequence[Axes], rules: Sequence[RulesDriven], run: Run) -> None:

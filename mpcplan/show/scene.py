@@ -62,11 +62,16 @@ def draw_scene(axes: Axes, run: Run, traffic: Traffic) -> None:
 
 def draw_ground(axes: Axes, run: Run, traffic: Traffic) -> None:
     """Draws map, goals and traffic into axes whose limits are set."""
+    draw_map(axes, run)
+    _draw_traffic(axes, traffic, run.loaded.dt)
+
+
+def draw_map(axes: Axes, run: Run) -> None:
+    """Draws map and goals into axes whose limits are set."""
     axes.set_autoscale_on(False)
     draw_road(axes, run)
     for problem in run.loaded.problems:
         draw_goal(axes, problem)
-    _draw_traffic(axes, traffic, run.loaded.dt)
 
 
 def draw_road(axes: Axes, run: Run) -> None:

@@ -21,11 +21,13 @@ class Traffic:
 
     Attributes:
         first_step: time step of the first boxes.
+        ids: (o,) of the obstacles.
         boxes: (o, n, 6) columns :class:`mpcplan.observation.Box`; NaN where an obstacle is absent.
         still: (o,) whether an obstacle never moves.
     """
 
     first_step: int
+    ids: tuple[int, ...]
     boxes: Array
     still: np.ndarray
 
@@ -43,6 +45,7 @@ def traffic_of(run: Run) -> Traffic:
         forecast = as_forecast([seen for drive in run.drives for seen in drive.others])
         return Traffic(
             first,
+            forecast.ids,
             forecast.at(np.arange(first, last + 1)),
             np.array([number in standing for number in forecast.ids], dtype=bool),
         )
@@ -51,4 +54,4 @@ def traffic_of(run: Run) -> Traffic:
     still = np.array([number in standing for number in forecast.ids], dtype=bool)
     # a drive may outlast the record, in which obstacles that never move have no end
     boxes[still] = forecast.at(np.array([0]))[still]
-    return Traffic(first, boxes, still)
+    return Traffic(first, forecast.ids, boxes, still)

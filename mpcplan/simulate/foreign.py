@@ -17,8 +17,9 @@ from mpcplan.errors import MpcplanError, PlannerError
 from mpcplan.observation import Observation, Snapshot
 from mpcplan.plan import Clock, Plan
 from mpcplan.planner import Planner
+from mpcplan.plug.named import brief
 from mpcplan.road.goal import is_reached
-from mpcplan.simulate.foreign_class import brief, find_class
+from mpcplan.simulate.foreign_class import find_class
 from mpcplan.simulate.foreign_states import as_driven, as_states
 from mpcplan.simulate.loop import MakeDriver
 from mpcplan.task import PlannerInterface, Task

@@ -1,11 +1,13 @@
 """The comparison of solvers as the command line prints it."""
 
+import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import get_args
 
 from mpcplan.bench.table import align
-from mpcplan.config import Backend, Config
+from mpcplan.config import Backend, Config, KnownBackend
+from mpcplan.config.base import CLASS
 from mpcplan.errors import InputError
 from mpcplan.solvers.compare import lines, try_solvers
 from mpcplan.solvers.record import GOES_ON, TO_GOAL, Recorded, chosen, record_problems
@@ -18,11 +20,14 @@ def known_backends(text: str | None) -> list[Backend]:
     """The solvers named in a list 'A,B', the default ones without a list; raises InputError."""
     if text is None:
         return list(DEFAULT)
-    known = {name: name for name in get_args(Backend)}
-    unknown = [name for name in text.split(",") if name.strip() not in known]
-    if unknown:
-        raise InputError(f"no solver {unknown[0]!r}; there are: {', '.join(known)}")
-    return [known[name.strip()] for name in text.split(",")]
+    known, names = get_args(KnownBackend), [name.strip() for name in text.split(",")]
+    for name in names:
+        if name not in known and not re.fullmatch(CLASS, name):
+            raise InputError(
+                f"no solver {name!r}; there are: {', '.join(known)}, and classes of yours as "
+                "package.module:Class"
+            )
+    return list(names)
 
 
 def compare_solvers(

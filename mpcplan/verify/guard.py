@@ -40,6 +40,12 @@ class Guard:
         state, step = trajectory.states[-1], trajectory.last_step
         return braking_tail(road, state, step, self._config.braking, self._dt)
 
+    def broken_off(self, trajectory: Trajectory, road: Road, step: int) -> Trajectory:
+        """A plan up to a time step within it, and braking to a standstill from there."""
+        near, braking = trajectory.until(step), self._config.braking
+        tail = braking_along(road, trajectory, step, braking, self._dt)
+        return near.then(tail if tail is not None else self.tail(road, near))
+
     def verify(
         self, trajectory: Trajectory, road: Road, forecast: Forecast, now: int,
         trusting: bool = False,
@@ -50,21 +56,19 @@ class Guard:
         """
         if forecast.exact:
             return verify(trajectory, forecast, road.area, self._config)
-        return self._broken_off(trajectory, road, forecast, now + self.certain, trusting)
+        return self._finding(trajectory, road, forecast, now + self.certain, trusting)
 
     def until_next(
         self, trajectory: Trajectory, road: Road, forecast: Forecast, now: int
     ) -> Finding:
         """The finding on driving a plan until the next cycle, and braking from there."""
-        return self._broken_off(trajectory, road, forecast, now + self._interval, False)
+        return self._finding(trajectory, road, forecast, now + self._interval, False)
 
-    def _broken_off(
+    def _finding(
         self, trajectory: Trajectory, road: Road, forecast: Forecast, step: int, trusting: bool
     ) -> Finding:
         if step < trajectory.last_step:
-            near, braking = trajectory.until(step), self._config.braking
-            tail = braking_along(road, trajectory, step, braking, self._dt)
-            trajectory = near.then(tail if tail is not None else self.tail(road, near))
+            trajectory = self.broken_off(trajectory, road, step)
         behind = None
         if trusting and step < trajectory.last_step:
             state = trajectory.states[step - trajectory.first_step]
