@@ -116,8 +116,9 @@ def _captioned(*found: tuple[str, Table | None]) -> tuple[tuple[str, Table], ...
 
 def _summary(runs: Sequence[Results]) -> Section:
     text = (
-        "TR1 is over valid solutions, under the checker's weights. Cycle times: medians over the "
-        "scenarios of their p50 and p95, and the longest of all."
+        "TR1 is over valid solutions, under the checker's weights; the report mean has the lane "
+        "offset weighted as in the competition report. Cycle times: medians over the scenarios of "
+        "their p50 and p95, and the longest of all."
     )
     different = differences(runs) if len(runs) > 1 else None
     shown = _captioned(("", tables.summary(runs)), ("What the configurations differ in", different))
@@ -126,7 +127,10 @@ def _summary(runs: Sequence[Results]) -> Section:
 
 def _against(runs: Sequence[Results], picks: Picks) -> Section:
     found = coverage.pairs_of(runs)
-    title, text = "Against each other", "Counts lead to the scenarios."
+    title, text = (
+        "Against each other",
+        "Counts lead to the scenarios. TR1 is compared where both have one.",
+    )
     covered = picks.of_pairs(coverage.coverage(found), found)
     if not any(pair.common for pair in found):
         return Section("against", title, "", (), (), "The runs have no scenario in common.")
@@ -147,11 +151,7 @@ def _against(runs: Sequence[Results], picks: Picks) -> Section:
 
 
 def _maps(runs: Sequence[Results], picks: Picks) -> Section:
-    common = tables.maps_in_common(runs) if len(runs) > 1 else None
-    shown = _captioned(
-        ("", picks.of_maps(tables.maps(runs))),
-        ("Mean TR1 on the scenarios that all runs solved", common),
-    )
+    shown = _captioned(("", picks.of_maps(tables.maps(runs))))
     text = "TR1 is over each run's own valid solutions. A map's name leads to its scenarios."
     return Section("maps", "By map", text, shown, ())
 

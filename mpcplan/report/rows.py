@@ -23,6 +23,7 @@ class Column:
     Attributes:
         kind: text; a choice of few (which can be filtered by); or a number.
         digits: of a number after the point.
+        hidden: no column, only something to filter by.
     """
 
     label: str
@@ -30,6 +31,7 @@ class Column:
     kind: str
     of: Callable[[Results, Entry], str | float | None]
     digits: int = 0
+    hidden: bool = False
 
 
 def _text(name: str) -> Callable[[Results, Entry], str]:
@@ -43,7 +45,7 @@ def _number(name: str, weight: float = 1.0) -> Callable[[Results, Entry], float 
 _COLUMNS = (
     Column("run", "folder of the results", CHOICE, lambda run, _: run.name),
     Column("scenario", "id", TEXT, lambda _, entry: entry.scenario),
-    Column("map", "country and map", CHOICE, lambda _, entry: entry.cluster),
+    Column("map", "country and map", CHOICE, lambda _, entry: entry.cluster, hidden=True),
     Column("kind", "recorded or interactive", CHOICE, _text("kind")),
     Column("status", "how it ended", CHOICE, lambda _, entry: entry.status),
     Column("late", "valid with the ego vehicle one step late", CHOICE, _text("valid_late")),
@@ -103,7 +105,13 @@ def table_data(rows: Sequence[Row], page: Path, embed: bool) -> dict[str, Any]:
             cells.append(values)
     return {
         "columns": [
-            {"label": c.label, "title": c.title, "kind": c.kind, "digits": c.digits}
+            {
+                "label": c.label,
+                "title": c.title,
+                "kind": c.kind,
+                "digits": c.digits,
+                "hidden": c.hidden,
+            }
             for c in columns
         ],
         "rows": [list(row) for row in zip(*cells, strict=True)],

@@ -5,11 +5,12 @@ from __future__ import annotations
 import statistics
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import accumulate
 
 import numpy as np
 
 from mpcplan.bench.table import figure
-from mpcplan.report.read import Entry, Results
+from mpcplan.report.read import Results
 from mpcplan.rules.keeping import KEEPING
 from mpcplan.score.tr1 import PARTS
 
@@ -48,6 +49,15 @@ class Table:
     left: int = 1
     picks: Mapping[tuple[int, int], int] = field(default_factory=dict)
 
+    @property
+    def starts(self) -> set[int]:
+        """The columns with which groups begin."""
+        return (
+            set(accumulate((span for _, span in self.groups[:-1]), initial=1))
+            if self.groups
+            else set()
+        )
+
 
 @dataclass(frozen=True)
 class Rule:
@@ -75,7 +85,7 @@ def summary(runs: Sequence[Results]) -> Table:
     """One row per run: how many are solved, TR1 of those, late, planning times of all cycles."""
     head = (
         *("run", "scenarios", "solved", "valid one step late", "TR1 mean", "median", "std"),
-        *("worst", "LC weighted as in the report", "cycle p50 [ms]", "p95 [ms]", "longest [ms]"),
+        *("worst", "report mean", "cycle p50 [ms]", "p95 [ms]", "longest [ms]"),
     )
     return Table(head, tuple(_summary_row(run) for run in runs))
 
@@ -99,56 +109,40 @@ def _summary_row(run: Results) -> tuple[str, ...]:
 
 
 def maps(runs: Sequence[Results]) -> Table:
-    """One row per map: for every run how many are solved, and TR1 of those.
+    """One row per map: for every run how many are solved, and TR1 of those; of several runs also
+    the means on the scenarios that all of them solved.
 
     The more runs there are, the fewer figures of each fit beside each other.
     """
     chosen = _MAP_FIGURES[: _MAP_WIDTHS.get(len(runs), _MAP_LEAST)]
-    rows = [_map_row(name, _inside(runs, name), chosen) for name in clusters_of(runs)]
-    rows.append(_map_row(ALL, [run.entries for run in runs], chosen))
+    clusters = sorted({entry.cluster for run in runs for entry in run.entries})
+    rows = [_map_row(name, runs, chosen) for name in [*clusters, ALL]]
     names = ("solved", *(name for name, _ in chosen))
-    groups = tuple((run.name, len(names)) for run in runs) if len(runs) > 1 else ()
-    return Table(("map", *names * len(runs)), tuple(rows), groups, last_is_all=True)
-
-
-def clusters_of(runs: Sequence[Results]) -> list[str]:
-    """The maps of all runs, sorted."""
-    return sorted({entry.cluster for run in runs for entry in run.entries})
-
-
-def _inside(runs: Sequence[Results], cluster: str) -> list[Sequence[Entry]]:
-    return [[entry for entry in run.entries if entry.cluster == cluster] for run in runs]
+    if len(runs) == 1:
+        return Table(("map", *names), tuple(rows), last_is_all=True)
+    head = ("map", *names * len(runs), "scenarios", *(run.name for run in runs))
+    groups = [(run.name, len(names)) for run in runs]
+    groups.append(("TR1 mean where all runs solved", 1 + len(runs)))
+    return Table(head, tuple(rows), tuple(groups), last_is_all=True)
 
 
 def _map_row(
-    name: str, groups: Sequence[Sequence[Entry]], chosen: Sequence[tuple[str, Statistic]]
+    name: str, runs: Sequence[Results], chosen: Sequence[tuple[str, Statistic]]
 ) -> tuple[str, ...]:
-    cells = [name]
-    for entries in groups:
+    cells, costs = [name], []
+    for run in runs:
+        entries = [entry for entry in run.entries if name in (ALL, entry.cluster)]
         solved = [entry for entry in entries if entry.valid]
-        costs = [entry.numbers["TR1"] for entry in solved if "TR1" in entry.numbers]
+        costs.append({e.scenario: e.numbers["TR1"] for e in solved if "TR1" in e.numbers})
         cells.append(f"{len(solved)} of {len(entries)}" if entries else NOTHING)
-        cells += [told(costs, f) for _, f in chosen]
+        cells += [told(list(costs[-1].values()), f) for _, f in chosen]
+    if len(runs) > 1:
+        common = set.intersection(*map(set, costs))
+        cells.append(str(len(common)))
+        cells += [
+            told([c for n, c in cost.items() if n in common], statistics.fmean) for cost in costs
+        ]
     return tuple(cells)
-
-
-def maps_in_common(runs: Sequence[Results]) -> Table:
-    """One row per map: the mean TR1 of every run on the scenarios that all runs solved."""
-    costs = [
-        {e.scenario: e.numbers["TR1"] for e in run.solved if "TR1" in e.numbers} for run in runs
-    ]
-    common = set.intersection(*map(set, costs))
-    rows = []
-    for cluster in [*clusters_of(runs), ALL]:
-        inside = [
-            name for name in sorted(common)
-            if cluster in (ALL, runs[0].by_scenario[name].cluster)
-        ]  # fmt: skip
-        if inside or cluster == ALL:
-            means = [told([cost[name] for name in inside], statistics.fmean) for cost in costs]
-            rows.append((cluster, str(len(inside)), *means))
-    head = ("map", "solved by all", *(run.name for run in runs))
-    return Table(head, tuple(rows), last_is_all=True)
 
 
 def parts(runs: Sequence[Results]) -> Table:

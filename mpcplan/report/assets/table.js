@@ -63,8 +63,8 @@
     byId("more").hidden = !cut;
     byId("picked").hidden = state.pick === null;
     byId("picked").textContent = state.pick === null ? "" : data.picks[state.pick].label;
-    byId("rows").querySelectorAll("th").forEach((head, at) => {
-      if (at !== state.sort) head.removeAttribute("aria-sort");
+    byId("rows").querySelectorAll("th").forEach((head) => {
+      if (Number(head.dataset.column) !== state.sort) head.removeAttribute("aria-sort");
       else head.setAttribute("aria-sort", state.falling ? "descending" : "ascending");
     });
   }
@@ -74,6 +74,7 @@
     row.dataset.row = index;
     data.rows[index].forEach((value, at) => {
       const column = columns[at];
+      if (column.hidden) return;
       const cell = make("td", { className: column.kind === "number" ? "" : "left" });
       if (at === statusAt) cell.classList.add("status");
       if (at === scenarioAt) {
@@ -147,8 +148,10 @@
   function heads() {
     const row = make("tr", {});
     columns.forEach((column, at) => {
+      if (column.hidden) return;
       const button = make("button", { type: "button", title: column.title }, column.label);
       const head = make("th", { className: column.kind === "number" ? "" : "left", scope: "col" }, button);
+      head.dataset.column = at;
       button.addEventListener("click", () => {
         state.falling = state.sort === at && !state.falling;
         state.sort = at;

@@ -109,7 +109,7 @@ def rules_kept(runs: Sequence[Results]) -> go.Figure | None:
             )
         )  # fmt: skip
     shown.update_layout(barmode="stack", bargap=0.35)
-    shown.update_xaxes(title_text="share of the drives", tickformat=".0%", range=[0, 1])
+    shown.update_xaxes(title_text="share of the drives", tickformat=".0%", range=[0, 1.02])
     shown.update_yaxes(autorange="reversed", showgrid=False)
     return shown
 

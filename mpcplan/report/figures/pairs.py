@@ -10,7 +10,8 @@ from mpcplan.report.coverage import Pair
 from mpcplan.report.figures import style
 from mpcplan.show import colours
 
-_BAR, _AROUND = 44, 110  # pixels of height per pair and around
+_BAR, _AROUND = 44, 130  # pixels of height per pair and around
+_FILLED = 0.7  # of that height by the bar
 _GROUPS = (
     ("both", "both", colours.GOAL),
     ("only_a", "only A", colours.PROBLEMS[0]),
@@ -22,9 +23,8 @@ _WIDER = 1.3
 
 def coverage_bars(pairs: Sequence[Pair]) -> go.Figure:
     """How many of the common scenarios both solved, only one of them, and neither."""
-    wide = 2 * style.WIDTH
-    height = _AROUND + _BAR * len(pairs)
-    shown = style.figure("Solved of the scenarios in common", wide, height, legend=2)
+    height = max(_AROUND + _BAR * len(pairs), style.HEIGHT)
+    shown = style.figure("Solved of the scenarios in common", height=height, legend=len(_GROUPS))
     names = [f"A: {pair.a}<br>B: {pair.b}" for pair in pairs]
     for field, label, colour in _GROUPS:
         counts = [len(getattr(pair, field)) for pair in pairs]
@@ -36,7 +36,8 @@ def coverage_bars(pairs: Sequence[Pair]) -> go.Figure:
                 hovertemplate=f"%{{y}}<br>{label}: %{{x}}<extra></extra>",
             )
         )  # fmt: skip
-    shown.update_layout(barmode="stack", bargap=0.3)
+    gap = 1 - _BAR * _FILLED * len(pairs) / (height - _AROUND)
+    shown.update_layout(barmode="stack", bargap=gap)
     shown.update_xaxes(title_text="scenarios")
     shown.update_yaxes(autorange="reversed", showgrid=False)
     return shown

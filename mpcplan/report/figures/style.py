@@ -12,10 +12,15 @@ import plotly.graph_objects as go
 
 from mpcplan.show import colours
 
-WIDTH, HEIGHT = 510, 340  # pixels; two of these fit beside each other on a laptop and on paper
+WIDTH, HEIGHT = 590, 340  # pixels; two of these fit beside each other on a laptop and on paper
 LEAST = 1e-3  # of costs on logarithmic axes: a drive may cost nothing
 _DASHES = ("solid", "dash", "dot", "dashdot")
 _FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Liberation Sans', Arial, sans-serif"
+_STEPS: tuple[tuple[float, tuple[float, ...]], ...] = (
+    (1.0, (1, 1.5, 2, 3, 5, 7)),
+    (2.5, (1, 2, 5)),
+    (math.inf, (1,)),
+)  # ticks within a decade where at most so many are shown
 _DIGITS = 5  # significant ones of what is drawn
 _HEAD, _LEGEND_LINE, _FOOT, _LEFT, _RIGHT = 40, 20, 52, 58, 14  # pixels
 _PER_LINE = 3  # entries of the legend
@@ -57,18 +62,15 @@ def _axis() -> dict[str, Any]:
 
 
 def logarithmic(low: float, high: float) -> dict[str, Any]:
-    """A logarithmic axis between two values, with ticks at 1, 2, 5 where few decades are shown."""
+    """A logarithmic axis between two values, with more ticks where few decades are shown."""
     decades = math.log10(high / low)
-    steps = (1, 2, 5) if decades <= _FEW_DECADES else (1,)
+    steps = next(steps for most, steps in _STEPS if decades <= most)
     exponents = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     ticks = [step * 10.0**exponent for exponent in exponents for step in steps]
     return {
         "type": "log", "range": [math.log10(low), math.log10(high)],
         "tickvals": ticks, "ticktext": [f"{tick:g}" for tick in ticks],
     }  # fmt: skip
-
-
-_FEW_DECADES = 2.5
 
 
 def share_axis() -> dict[str, Any]:
