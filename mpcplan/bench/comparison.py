@@ -1,6 +1,5 @@
 """Two results tables compared on the scenarios that both solved."""
 
-import csv
 import math
 import statistics
 from collections import defaultdict
@@ -8,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from mpcplan.bench.csv_rows import CsvRow, number, read_rows, truth
 from mpcplan.bench.store import cluster_of
 from mpcplan.bench.table import align, figure
 from mpcplan.errors import InputError
@@ -60,49 +60,22 @@ def compare(a_csv: str | Path, b_csv: str | Path, planner: str | None = None) ->
 
 def read_results(path: str | Path) -> dict[str, Results]:
     """Results by planner ('' without a column of that name) and scenario; raises InputError."""
-    path = Path(path)
-    path = path / "results.csv" if path.is_dir() else path
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            reader = csv.DictReader(file)
-            missing = [name for name in _NEEDED if name not in (reader.fieldnames or ())]
-            if missing:
-                raise InputError(f"{path} has no column {', '.join(missing)}: not a results table")
-            results: dict[str, Results] = defaultdict(dict)
-            for row in reader:
-                result = _result(row, f"{path}, line {reader.line_num}")
-                results[row.get("planner") or ""][result.scenario] = result
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror}") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path} is not a CSV table: {error}") from error
-    if not results:
-        raise InputError(f"{path} has no rows")
+    _, rows = read_rows(path, _NEEDED)
+    results: dict[str, Results] = defaultdict(dict)
+    for row in rows:
+        result = _result(row)
+        results[row.cells.get("planner", "")][result.scenario] = result
     return dict(results)
 
 
-def _result(row: dict[str, str], place: str) -> Result:
+def _result(row: CsvRow) -> Result:
     """One line of a table."""
-    if not row["scenario"] or row["TR1"] is None or row["valid"] is None:
-        raise InputError(f"{place}: the row is incomplete")
-    if row["valid"].lower() not in ("true", "false", "1", "0", ""):
-        raise InputError(f"{place}: valid is {row['valid']!r}, expected True or False")
-    solved = row["valid"].lower() in ("true", "1")
-    values = {name: _number(row.get(name), f"{place}: {name}") for name in ("TR1", *PARTS, *_TIMES)}
+    cells, place = row.cells, row.place
+    solved = truth(cells["valid"], f"{place}: valid")
+    values = {n: number(cells.get(n), f"{place}: {n}") for n in ("TR1", *PARTS, *_TIMES)}
     parts = {n: CHECKER_WEIGHTS[n] * v for n in PARTS if (v := values[n]) is not None}
     times = {n: v for n in _TIMES if (v := values[n]) is not None}
-    return Result(row["scenario"], solved, values["TR1"], parts, times)
-
-
-def _number(text: str | None, what: str) -> float | None:
-    """A finite number, None for an empty cell; raises InputError for anything else."""
-    if not text:
-        return None
-    try:
-        value = float(text)
-    except ValueError:
-        raise InputError(f"{what} is {text!r}, not a number") from None
-    return value if math.isfinite(value) else None
+    return Result(cells["scenario"], solved, values["TR1"], parts, times)
 
 
 def _against(a: Results, b: Results, name: str) -> str:

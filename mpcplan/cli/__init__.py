@@ -1,5 +1,5 @@
 """The command line: solve, explain, show, evaluate, bench, compete, bound, bench-solvers, compare,
-forecasts, twin, config.
+report, forecasts, twin, config.
 
 Exit codes: 0 done (solved, valid), 1 not solved or not valid, 2 bad input, 3 an error of the
 program itself, 130 interrupted. Of many scenarios some may fail: bench ends with 0 when every one

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from mpcplan.cli.many import bench, compete
+from mpcplan.cli.report import report
 from mpcplan.cli.show import show
 from mpcplan.cli.solve import evaluate, solve
 from mpcplan.cli.tools import bench_solvers, bound, compare, config, explain, forecasts, twin
@@ -76,6 +77,9 @@ def parser() -> argparse.ArgumentParser:
     versus.add_argument("a", metavar="A", help="results.csv or its folder")
     versus.add_argument("b", metavar="B", help="another one, perhaps with a column 'planner'")
     versus.add_argument("--planner", help="compare with this planner of B only")
+
+    page = _command(commands, "report", report, "make one HTML page of results of `bench`")
+    _add_report(page)
 
     errors = _command(
         commands, "forecasts", forecasts, "measure the predictions on simulated traffic"
@@ -166,6 +170,20 @@ def _add_compete(contest: argparse.ArgumentParser) -> None:
     contest.add_argument("out", metavar="OUT", type=Path, help="folder for solutions; resumable")
     contest.add_argument("--jobs", type=int, help="scenarios at a time (default: 2)")
     contest.add_argument("--budget", default="6h", metavar="TIME", help="6h, 90m, 45s (6h)")
+
+
+def _add_report(page: argparse.ArgumentParser) -> None:
+    page.add_argument(
+        "results", nargs="+", type=Path, metavar="RESULTS",
+        help="folder of `bench`, or a table with its columns; several are compared",
+    )  # fmt: skip
+    page.add_argument("--out", type=Path, required=True, metavar="FILE", help="HTML file to write")
+    page.add_argument("--names", metavar="A,B", help="of the runs (default: the folders' names)")
+    page.add_argument("--title", metavar="TEXT", help="heading of the page")
+    page.add_argument(
+        "--embed", action="store_true",
+        help="put the pictures into the page, made smaller, instead of links to them",
+    )  # fmt: skip
 
 
 def _add_many(command: argparse.ArgumentParser) -> None:
