@@ -14,26 +14,9 @@ from mpcplan.report.coverage import costs, coverage, pairs_of
 from mpcplan.report.read import read_all
 
 HEAD = [
-
+    "scenario", "cluster", "planner", "kind", "status", "valid", "TR1", "Jlon", "SR", "D", "LC",
+    "R_G1", "R_G1_kept", "plan_p50_ms", "plan_p95_ms", "plan_max_ms", "cause",
 ]  # fmt: skip
-    "scenario",
-    "cluster",
-    "planner",
-    "kind",
-    "status",
-    "valid",
-    "TR1",
-    "Jlon",
-    "SR",
-    "D",
-    "LC",
-    "R_G1",
-    "R_G1_kept",
-    "plan_p50_ms",
-    "plan_p95_ms",
-    "plan_max_ms",
-    "cause",
-]
 MEGA = 1e6
 LARGEST = 15 * MEGA  # bytes, of a page of 1,000 rows
 COLLIDED = "collided at step 64; first fallback at step 12: the seed is driven: search, refined: x"
