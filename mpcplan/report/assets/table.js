@@ -201,7 +201,7 @@
     draw();
   });
   document.querySelector(".filters").addEventListener("submit", (event) => event.preventDefault());
-  byId("reset").addEventListener("click", () => { reset(); draw(); });
+  byId("clear").addEventListener("click", () => { reset(); draw(); });
   byId("all").addEventListener("click", () => { state.all = true; draw(); });
   document.querySelectorAll(".pick").forEach((button) => {
     button.addEventListener("click", () => {
