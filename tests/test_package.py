@@ -27,6 +27,7 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 MODULES = {  # import name by distribution, where the two differ
     "commonroad-io": "commonroad",
     "commonroad-drivability-checker": "commonroad_dc",
+    "pillow": "PIL",
     "pyyaml": "yaml",
 }
 # the checker imports the first two for the cost and the vehicle: pinned here, since verdicts depend

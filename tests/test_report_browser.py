@@ -64,7 +64,7 @@ def _sort(page, label: str) -> None:
 
 def test_all_figures_are_drawn(page):
     page.wait_for_function(DRAWN)
-    assert page.locator(".figure").count() >= 8
+    assert page.locator(".figure").count() == 7  # without rules, bounds and traces
 
 
 def test_headings_sort_and_empty_cells_come_last(page):
