@@ -1,231 +1,263 @@
-"""The report: its tables by hand, the command as a user runs it, and the page in a browser."""
+"""The report: what its tables say, and the command as a user calls it."""
 
-import csv
-import json
-import re
-import shutil
+import os
+import subprocess
+import sys
 from pathlib import Path
 
+import made_results as made
 import pytest
 
-from mpcplan.cli import main
+from mpcplan.errors import InputError
+from mpcplan.report import coverage, tables
 from mpcplan.report.causes import UNKNOWN, causes, kind_of
-from mpcplan.report.coverage import costs, coverage, pairs_of
+from mpcplan.report.files import files_of, link
+from mpcplan.report.picks import Picks
 from mpcplan.report.read import read_all
+from mpcplan.report.settings import differences
+from mpcplan.report.tables import Table
+from mpcplan.report.write import write_report
 
-HEAD = [
-    "scenario", "cluster", "planner", "kind", "status", "valid", "TR1", "Jlon", "SR", "D", "LC",
-    "R_G1", "R_G1_kept", "plan_p50_ms", "plan_p95_ms", "plan_max_ms", "cause",
-]  # fmt: skip
-MEGA = 1e6
-LARGEST = 15 * MEGA  # bytes, of a page of 1,000 rows
-COLLIDED = "collided at step 64; first fallback at step 12: the seed is driven: search, refined: x"
-
-
-def row(scenario: str, tr1: float | None, cause: str = "", **others: object) -> dict[str, object]:
-    """A row of results.csv, valid where there is a cost."""
-    valid = tr1 is not None
-    return {
-        "scenario": scenario, "cluster": scenario.split("-")[0], "planner": "mpcplan",
-        "kind": "recorded", "status": "solved" if valid else "not_solved", "valid": valid,
-        "TR1": tr1 if valid else "", "Jlon": 1.0, "SR": 2.0, "D": 0.5, "LC": 0.1, "R_G1": 1.5,
-        "R_G1_kept": "kept", "plan_p50_ms": 10.0, "plan_p95_ms": 20.0, "plan_max_ms": 90.0,
-        "cause": cause, **others,
-    }  # fmt: skip
-
-
-def written(folder: Path, rows: list[dict[str, object]], head: list[str] = HEAD) -> Path:
-    """A folder of results with a table."""
-    folder.mkdir(parents=True, exist_ok=True)
-    with (folder / "results.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, head, extrasaction="ignore")
-        writer.writeheader()
-        writer.writerows(rows)
-    return folder
+ROOT = Path(__file__).resolve().parents[1]
+MOST_MB = 15.0  # of a page of 1,000 rows
+MANY = 1000
 
 
 @pytest.fixture
-def two(tmp_path) -> list[Path]:
-    """Two runs: one solved by both, one by each alone, one by neither, and one that B lacks."""
-    first = [
-        row("ZAM_One-1_1_T-1", 2.0), row("ZAM_One-2_1_T-1", 4.0),
-        row("DEU_Two-1_1_T-1", None, COLLIDED), row("DEU_Two-2_1_T-1", None),
-        row("DEU_Two-3_1_T-1", 9.0),
-    ]  # fmt: skip
-    second = [
-        row("ZAM_One-1_1_T-1", 1.0), row("ZAM_One-2_1_T-1", None, COLLIDED.replace("64", "9")),
-        row("DEU_Two-1_1_T-1", 7.0), row("DEU_Two-2_1_T-1", None),
-    ]  # fmt: skip
-    return [written(tmp_path / "alpha", first), written(tmp_path / "beta", second)]
+def folders(tmp_path):
+    return made.two_runs(tmp_path)
 
 
-def told(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str]:
-    """Exit code and everything that a command says."""
-    code = main([str(argument) for argument in arguments])
-    out = capsys.readouterr()
-    return code, out.out + out.err
+@pytest.fixture
+def runs(folders):
+    return read_all(folders)
 
 
-# -- tables ---------------------------------------------------------------------------------------
+def _named(table: Table, row: int = 0) -> dict[str, str]:
+    """A row by the names of its columns; of names that are there twice the last."""
+    return dict(zip(table.head, table.rows[row], strict=True))
 
 
-def test_two_runs_against_each_other(two):
-    (pair,) = pairs_of(read_all(two))
-    assert (pair.both, pair.only_a) == (("ZAM_One-1_1_T-1",), ("ZAM_One-2_1_T-1",))
-    assert (pair.only_b, pair.neither) == (("DEU_Two-1_1_T-1",), ("DEU_Two-2_1_T-1",))
-    assert pair.common == 4 and pair.costs == ((2.0, 1.0),) and pair.cheaper == (0, 1, 0)
-    assert coverage([pair]).rows == (("alpha", "beta", "4", "1", "1", "1", "1"),)
-    (line,) = costs([pair]).rows
-    assert line[:5] == ("alpha", "beta", "1", "2.00", "1.00") and "0.500" in line
+def test_summary_counts_and_averages_valid_solutions_only(runs):
+    first, second = (_named(tables.summary(runs), row) for row in (0, 1))
+    assert first["run"] == "first" and first["scenarios"] == "5"
+    assert first["solved"] == "3 of 5 (60.0 %)" and second["solved"] == "4 of 6 (66.7 %)"
+    assert float(first["TR1 mean"]) == pytest.approx(13 / 3, abs=0.01)
+    assert float(first["worst"]) == 10 and float(second["worst"]) == 100
+    assert float(second["median"]) == 7
 
 
-def test_equal_costs_are_nobodys():
-    runs = [
-        type("Run", (), {"name": name, "by_scenario": {"a": entry}})
-        for name, entry in (("x", _entry(3.0)), ("y", _entry(3.0 + 1e-9)))
-    ]
-    assert pairs_of(runs)[0].cheaper == (0, 0, 1)
+def test_maps_have_each_runs_own_scenarios_and_means_where_all_solved(runs):
+    table = tables.maps(runs)
+    rows = {row[0]: row[1:] for row in table.rows}
+    assert list(rows) == ["DEU_Town", "DEU_Village", tables.ALL]
+    assert rows["DEU_Town"][0] == "2 of 4" and rows["DEU_Town"][4] == "4 of 5"
+    assert rows["DEU_Village"][4:8] == ("0 of 1", *[tables.NOTHING] * 3)
+    assert rows["DEU_Village"][-3:] == ("0", tables.NOTHING, tables.NOTHING)
+    common, first, second = rows[tables.ALL][-3:]
+    assert common == "2" and float(first) == 6.0 and float(second) == 5.5
+    assert table.last_is_all and all(len(row) == len(table.head) for row in table.rows)
+    assert sum(span for _, span in table.groups) == len(table.head) - 1
+    assert table.starts == {1, 5, 9}
 
 
-def _entry(tr1: float) -> object:
-    return type("Entry", (), {"valid": True, "numbers": {"TR1": tr1}})
+def test_a_pair_is_covered_on_the_scenarios_in_common(runs):
+    (pair,) = coverage.pairs_of(runs)
+    assert pair.both == (made.id_of(1), made.id_of(2))
+    assert pair.only_a == (made.id_of(3, "Village"),) and pair.only_b == (made.id_of(4),)
+    assert pair.neither == (made.id_of(5),) and pair.common == 5
+    assert pair.costs == ((2.0, 1.0), (10.0, 10.0)) and pair.ratios == [0.5, 1.0]
+    assert pair.cheaper == (0, 1, 1)
+    assert coverage.coverage([pair]).rows == (("first", "second", "5", "2", "1", "1", "1"),)
+    row = _named(coverage.costs([pair]))
+    assert (row["A cheaper"], row["B cheaper"], row["equal"]) == ("0", "1", "1")
+    assert float(row["median of B / A"]) == 0.75 and float(row["A worst"]) == 10
 
 
-def test_causes_of_one_kind_are_together(two):
-    found = causes(read_all(two))
-    kinds = {(one.what, one.before): one.scenarios for one in found}
-    assert kinds[("collided", "first fallback: the seed is driven")] == (
-        ("DEU_Two-1_1_T-1",), ("ZAM_One-2_1_T-1",),
-    )  # fmt: skip
-    assert kinds[(UNKNOWN, "")] == (("DEU_Two-2_1_T-1",), ("DEU_Two-2_1_T-1",))
-    assert [one.count for one in found] == [2, 2]
+def test_every_two_of_three_runs_are_a_pair(folders, tmp_path):
+    other = made.write(tmp_path / "other", [made.solved(made.id_of(9), 1.0)])
+    pairs = coverage.pairs_of(read_all([*folders, other]))
+    names = [(pair.a, pair.b) for pair in pairs]
+    assert names == [("first", "second"), ("first", "other"), ("second", "other")]
+    assert [pair.common for pair in pairs] == [5, 0, 0]
 
 
 @pytest.mark.parametrize(
     ("cause", "kind"),
     [
-        ("the goal was not reached at step 165", ("the goal was not reached", "")),
+        ("collided at step 64", ("collided", "")),
+        ("problem 12: collided at step 64", ("collided", "")),
         (
-            "problem 12: collided at step 3; no plan reached the goal: 5 of 9 candidates",
-            ("collided", "no plan reached the goal"),
+            "the goal was not reached at step 165; first fallback at step 138: braking: no plan",
+            ("the goal was not reached", "first fallback: braking"),
         ),
-        (
-            "the scenario has no solution: its start is off the road by 0.1 m^2; on_road: x",
-            ("the scenario has no solution: its start is off the road", ""),
-        ),
+        ("needs more than 2000 MB of memory", ("needs more than … MB of memory", "")),
         ("", (UNKNOWN, "")),
     ],
 )
-def test_kinds_of_causes(cause, kind):
+def test_causes_that_differ_in_numbers_are_of_one_kind(cause, kind):
     assert kind_of(cause) == kind
 
 
-# -- command --------------------------------------------------------------------------------------
+def test_causes_are_grouped_over_all_runs_most_frequent_first(tmp_path):
+    rows = [made.failed(made.id_of(n), f"collided at step {n}") for n in (1, 2, 3)]
+    rows.append(made.failed(made.id_of(4), "off the road at step 3"))
+    rows.append(made.failed(made.id_of(5), "collided at step 5", status="late"))
+    first = made.write(tmp_path / "first", rows)
+    second = made.write(tmp_path / "second", [*rows[:1], made.solved(made.id_of(2), 1.0)])
+    found = causes(read_all([first, second]))
+    assert [(one.status, one.what, one.count) for one in found] == [
+        ("invalid", "collided", 4),
+        ("invalid", "off the road", 1),
+        ("late", "collided", 1),
+    ]
+    assert found[0].scenarios == (tuple(map(made.id_of, (1, 2, 3))), (made.id_of(1),))
+    assert found[0].example == "collided at step 1"
 
 
-def test_the_command_writes_a_page_of_its_own(two, tmp_path, capsys):
-    out = tmp_path / "deep" / "report.html"
-    code, text = told(capsys, "report", *two, "--out", out)
-    assert code == 0 and "alpha: 5 scenarios, 3 solved" in text and "beta: 4 scenarios" in text
-    page = out.read_text(encoding="utf-8")
-    bare = re.sub(r"<script.*?</script>", "", page, flags=re.DOTALL)
-    assert "<h1>" in bare and not re.search(r'(src|href)="(https?:)?//', bare)  # nothing from afar
-    data = json.loads(re.search(r'id="table-data">(.*?)</script>', page, re.DOTALL)[1])
-    assert len(data["rows"]) == 9
-    told_again, _ = told(capsys, "report", *two, "--out", tmp_path / "again.html")
-    assert told_again == 0
-    assert len((tmp_path / "again.html").read_bytes()) == len(out.read_bytes())
+def test_counts_lead_to_the_rows_that_they_count(runs):
+    (pair,) = coverage.pairs_of(runs)
+    picks = Picks(runs)
+    table = picks.of_pairs(coverage.coverage([pair]), [pair])
+    lists = picks.as_lists()
+    assert set(table.picks) == {(0, 3), (0, 4), (0, 5), (0, 6)}
+    assert lists[table.picks[0, 3]]["rows"] == [0, 1, 5, 6]  # scenarios 1 and 2 in both runs
+    assert lists[table.picks[0, 5]]["rows"] == [3, 8]
+    told = picks.causes(causes(runs))
+    for (row, column), which in told.picks.items():
+        assert len(picks.as_lists()[which]["rows"]) == int(told.rows[row][column])
 
 
-def test_names_and_title(two, tmp_path, capsys):
-    out = tmp_path / "r.html"
-    code, text = told(
-        capsys, "report", *two, "--out", out, "--names", "ours,theirs", "--title", "A <test>"
-    )
-    assert code == 0 and "ours: 5" in text and "theirs: 4" in text
-    assert "<title>A &lt;test&gt;</title>" in out.read_text(encoding="utf-8")
-    code, text = told(capsys, "report", *two, "--out", out, "--names", "one")
-    assert code == 2 and "2 different names are needed" in text and text.count("\n") == 1
+def test_only_differing_parameters_are_told(runs, folders):
+    assert differences(runs) is None
+    for folder, value in zip(folders, (1, 2), strict=True):
+        text = f"drive:\n  replan: {value}\n  steps: 30\n"
+        (folder / "config.yaml").write_text(text, encoding="utf-8")
+    table = differences(runs)
+    assert table is not None and table.rows == (("drive.replan", "1", "2"),)
 
 
-def test_what_is_wrong_is_told_in_one_line(two, tmp_path, capsys):
-    out = tmp_path / "r.html"
-    (tmp_path / "empty").mkdir()
-    lacking = written(tmp_path / "lacking", [row("a", 1.0)], ["scenario", "valid"])
-    odd = written(tmp_path / "odd", [row("a", 1.0, plan_p50_ms="fast")])
-    twice = written(tmp_path / "twice", [row("a", 1.0), row("a", 2.0)])
-    binary = tmp_path / "binary"
-    binary.mkdir()
-    (binary / "results.csv").write_bytes(b"\xff\xfe\x00")
-    for folder, words in (
-        (tmp_path / "none", "none"), (tmp_path / "empty", "results.csv"), (lacking, "TR1"),
-        (odd, "plan_p50_ms"), (twice, "twice"), (binary, "results.csv"),
-    ):  # fmt: skip
-        code, text = told(capsys, "report", folder, "--out", out)
-        assert code == 2 and words in text and text.count("\n") == 1, text
-        assert "Traceback" not in text and not out.exists()
-    code, text = told(capsys, "report", two[0], "--out", tmp_path)
-    assert code == 2 and "is a folder" in text
+def test_runs_of_equal_names_are_told_apart(tmp_path):
+    rows = [made.solved(made.id_of(1), 1.0)]
+    paths = [made.write(tmp_path / above / "run", rows) for above in ("old", "new")]
+    assert [run.name for run in read_all(paths)] == ["old/run", "new/run"]
+    assert [run.name for run in read_all([paths[0]] * 2)] == ["old/run", "old/run (2)"]
+    assert [run.name for run in read_all(paths, ["a", "b"])] == ["a", "b"]
+    with pytest.raises(InputError, match="2 different names are needed"):
+        read_all(paths, ["a"])
 
 
-def test_a_thousand_rows_stay_small(tmp_path, capsys):
-    rows = [row(f"ZAM_Many-{i}_1_T-1", 0.01 * i or None, COLLIDED) for i in range(1000)]
-    out = tmp_path / "r.html"
-    code, _ = told(capsys, "report", written(tmp_path / "many", rows), "--out", out)
-    assert code == 0 and MEGA < out.stat().st_size < LARGEST
+def test_a_table_of_several_planners_is_several_runs(tmp_path):
+    rows = [made.solved(made.id_of(1), 1.0), made.solved(made.id_of(1), 2.0, planner="idm")]
+    assert [run.name for run in read_all([made.write(tmp_path / "all", rows)])] == [
+        "mpcplan",
+        "idm",
+    ]
 
 
-# -- browser --------------------------------------------------------------------------------------
+def test_files_of_a_run_are_linked_relative_to_the_page(runs, folders, tmp_path):
+    name = made.id_of(1)
+    picture = folders[0] / "pictures" / f"{name}.png"
+    solution = folders[0] / "solutions" / f"solution_KS1:TR1:{name}:2020a.xml"
+    for path in (picture, solution):
+        path.parent.mkdir(exist_ok=True)
+        path.touch()
+    found = files_of(runs[0], name)
+    assert (found.picture, found.solution, found.trace) == (picture, solution, None)
+    assert link(found.picture, tmp_path / "pages" / "r.html") == f"../first/pictures/{name}.png"
+    assert ":" not in link(found.solution, folders[0] / "r.html")  # no protocol for a browser
 
 
-@pytest.fixture(scope="module")
-def browser():
-    """A Chromium of the machine, without a window."""
-    program = shutil.which("chromium") or shutil.which("chromium-browser")
-    if program is None:
-        pytest.skip("there is no Chromium on this machine")
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    with playwright.sync_playwright() as driver:
-        flags = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
-        started = driver.chromium.launch(executable_path=program, args=flags)
-        yield started
-        started.close()
+def test_what_the_tables_say_cannot_break_the_page(tmp_path):
+    nasty = "</script><script>alert(1)</script>"
+    run = made.write(tmp_path / "run", [made.failed(made.id_of(1), nasty)])
+    page = tmp_path / "r.html"
+    write_report([run], page, title="<b>&")
+    text = page.read_text(encoding="utf-8")
+    assert nasty not in text and "<script>alert" not in text
+    assert "<title>&lt;b&gt;&amp;</title>" in text
 
 
-@pytest.mark.slow
-def test_the_page_in_a_browser(two, tmp_path, capsys, browser):
-    """Sorts, filters, picks and opens a row; the console stays silent and the network unused."""
-    out = tmp_path / "r.html"
-    assert told(capsys, "report", *two, "--out", out)[0] == 0
-    page = browser.new_page(viewport={"width": 1366, "height": 768})
-    said, asked = [], []
-    page.on("console", lambda message: said.append(message.text))
-    page.on("pageerror", lambda error: said.append(str(error)))
-    page.on("request", lambda request: asked.append(request.url))
-    page.goto(out.as_uri())
-    page.wait_for_selector("html[data-table=ready]")
+def test_runs_without_anything_solved_or_in_common_make_a_page(tmp_path):
+    paths = [
+        made.write(tmp_path / name, [made.failed(made.id_of(n), "")])
+        for n, name in enumerate(("first", "second"))
+    ]
+    write_report(paths, tmp_path / "r.html")
+    text = (tmp_path / "r.html").read_text(encoding="utf-8")
+    assert "The runs have no scenario in common." in text
+    assert "No scenario is solved with a cost." in text
 
-    def scenarios() -> list[str]:
-        return page.locator("#rows .open-row").all_inner_texts()
 
-    assert len(scenarios()) == 9 and "9 of 9 rows" in page.inner_text("#count")
-    head = page.locator("#rows th button", has_text=re.compile("^TR1$"))
-    head.click()
-    assert scenarios()[0] == "ZAM_One-1_1_T-1" and scenarios()[4] == "DEU_Two-3_1_T-1"
-    assert head.locator("..").get_attribute("aria-sort") == "ascending"
-    head.click()
-    assert scenarios()[0] == "DEU_Two-3_1_T-1"  # the dearest; those without a cost stay last
-    page.fill("#search", "collided")
-    assert sorted(scenarios()) == ["DEU_Two-1_1_T-1", "ZAM_One-2_1_T-1"]
-    page.click("#clear")
-    page.select_option("select[data-column=status]", "not_solved")
-    assert len(scenarios()) == 4
-    page.click("#clear")
-    page.locator(".pick").first.click()  # the scenarios solved by both
-    assert set(scenarios()) == {"ZAM_One-1_1_T-1"}
-    page.locator("#rows .open-row").first.click()
-    assert "There is no picture of this run." in page.inner_text("#rows .detail")
-    page.locator("#against, #costs, [data-figure='0']").first.scroll_into_view_if_needed()
-    page.wait_for_selector("[data-figure='0'] svg.main-svg")
-    assert said == [] and all(url.startswith(("file:", "data:", "blob:")) for url in asked)
-    page.close()
+def test_a_page_of_1000_rows_is_not_too_large(tmp_path):
+    long = "the goal was not reached at step 165; first fallback at step 138: braking: no plan"
+    rows = [
+        made.failed(made.id_of(n), long) if n % 10 == 0 else made.solved(made.id_of(n), 0.01 * n)
+        for n in range(MANY)
+    ]
+    written = write_report([made.write(tmp_path / "run", rows)], tmp_path / "r.html")
+    assert len(written.runs[0].entries) == MANY
+    size = (tmp_path / "r.html").stat().st_size / 1e6
+    assert written.size_mb == pytest.approx(size) and 1.0 < size < MOST_MB
+
+
+def _call(*args: object) -> subprocess.CompletedProcess[str]:
+    path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    return subprocess.run(
+        [sys.executable, "-m", "mpcplan", "report", *map(str, args)], capture_output=True,
+        text=True, timeout=120, env={**os.environ, "PYTHONPATH": path}, check=False,
+    )  # fmt: skip
+
+
+def test_the_command_writes_a_page_that_loads_nothing(folders, tmp_path):
+    page = tmp_path / "new" / "report.html"
+    done = _call(*folders, "--out", page, "--names", "old, new", "--title", "Two runs")
+    assert done.returncode == 0 and done.stderr == ""
+    lines = done.stdout.splitlines()
+    assert lines[:2] == ["old: 5 scenarios, 3 solved", "new: 6 scenarios, 4 solved"]
+    assert lines[2].startswith(f"{page} (") and len(lines) == 3
+    text = page.read_text(encoding="utf-8")
+    assert "<title>Two runs</title>" in text
+    assert "<script src" not in text and '<link rel="stylesheet"' not in text
+
+
+def _broken(folder: Path, content: str | bytes | None) -> Path:
+    folder.mkdir()
+    if content is not None:
+        data = content if isinstance(content, bytes) else content.encode()
+        (folder / "results.csv").write_bytes(data)
+    return folder
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (None, "has no results.csv"),
+        ("", "has no column scenario, valid, TR1"),
+        ("scenario,valid\nA,True\n", "has no column TR1"),
+        ("scenario,valid,TR1\n", "has no rows"),
+        ('scenario,valid,TR1\nA,True,"1.0\n', "is not a CSV table"),
+        (b"scenario,valid,TR1\n\xff\xfe,True,1.0\n", "is not a CSV table"),
+        ("scenario,valid,TR1\nA,True,1.0,2\n", "line 2: the row has more cells"),
+        ("scenario,valid,TR1\nA,True\n", "line 2: the row is incomplete"),
+        ("scenario,valid,TR1\nA,True,cheap\n", "line 2: TR1 is 'cheap', not a number"),
+        ("scenario,valid,TR1\nA,maybe,1.0\n", "line 2: valid is 'maybe'"),
+        ("scenario,valid,TR1\nA,True,1\nA,True,1\n", "line 3: the scenario A is there twice"),
+    ],
+)
+def test_broken_results_are_one_line_and_exit_code_2(content, told, folders, tmp_path):
+    page = tmp_path / "r.html"
+    done = _call(folders[0], _broken(tmp_path / "broken", content), "--out", page)
+    assert done.returncode == 2 and done.stdout == ""
+    assert done.stderr.startswith("error: ") and done.stderr.count("\n") == 1
+    assert told in done.stderr and str(tmp_path / "broken") in done.stderr
+    assert not page.exists()
+
+
+def test_a_page_that_cannot_be_written_is_one_line_and_exit_code_2(folders, tmp_path):
+    done = _call(*folders, "--out", tmp_path)
+    assert done.returncode == 2 and "is a folder: name the file" in done.stderr
+    (tmp_path / "file").touch()
+    done = _call(*folders, "--out", tmp_path / "file" / "r.html")
+    assert done.returncode == 2 and done.stderr.startswith("error: cannot write")
+    assert done.stderr.count("\n") == 1

@@ -1,0 +1,103 @@
+"""The report in a browser: a Chromium that is installed, without a window."""
+
+import shutil
+
+import made_results as made
+import pytest
+
+from mpcplan.report.write import write_report
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+CHROMIUM = next(filter(None, map(shutil.which, NAMES)), None)
+ARGUMENTS = [
+    *("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
+    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
+]
+READY = "document.documentElement.dataset.table === 'ready'"
+DRAWN = "[...document.querySelectorAll('.figure')].every((f) => f.querySelector('.main-svg'))"
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(CHROMIUM is None, reason=f"no Chromium is installed ({', '.join(NAMES)})"),
+]
+
+
+@pytest.fixture(scope="module")
+def browser():
+    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    with playwright.sync_playwright() as started:
+        opened = started.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
+        yield opened
+        opened.close()
+
+
+@pytest.fixture
+def page(browser, tmp_path):
+    """The report of two runs, loaded; the test fails where the console told an error."""
+    out = tmp_path / "r.html"
+    write_report(made.two_runs(tmp_path), out)
+    errors, asked = [], []
+    shown = browser.new_page()
+    shown.on("console", lambda told: errors.append(told.text) if told.type == "error" else None)
+    shown.on("pageerror", lambda error: errors.append(str(error)))
+    shown.on("request", lambda request: asked.append(request.url))
+    shown.goto(out.as_uri())
+    shown.wait_for_function(READY)
+    yield shown
+    shown.close()
+    assert errors == []
+    assert [url for url in asked if not url.startswith(("data:", "blob:"))] == [out.as_uri()]
+
+
+def _column(page, label: str) -> list[str]:
+    """The visible cells of a column of the table of scenarios."""
+    heads = page.locator("#rows thead th").all_inner_texts()
+    at = [head.strip() for head in heads].index(label) + 1
+    return [
+        cell.strip() for cell in page.locator(f"#rows tr.row td:nth-child({at})").all_inner_texts()
+    ]
+
+
+def _sort(page, label: str) -> None:
+    page.locator(f'#rows thead button:text-is("{label}")').click()
+
+
+def test_all_figures_are_drawn(page):
+    page.wait_for_function(DRAWN)
+    assert page.locator(".figure").count() == 7  # without rules, bounds and traces
+
+
+def test_headings_sort_and_empty_cells_come_last(page):
+    assert len(_column(page, "scenario")) == 11
+    _sort(page, "TR1")
+    rising = ["1.000", "1.000", "2.000", "4.000", "10.000", "10.000", "100.000"]
+    assert _column(page, "TR1") == [*rising, *[""] * 4]
+    assert page.locator("#rows th[aria-sort=ascending]").inner_text().strip() == "TR1"
+    _sort(page, "TR1")
+    assert _column(page, "TR1") == [*reversed(rising), *[""] * 4]
+    assert page.locator("#rows th[aria-sort=descending]").inner_text().strip() == "TR1"
+
+
+def test_choices_and_words_filter_until_they_are_reset(page):
+    page.locator("#choices select[data-column=run]").select_option("second")
+    assert _column(page, "run") == ["second"] * 6
+    page.locator("#choices select[data-column=status]").select_option("solved")
+    assert len(_column(page, "scenario")) == 4
+    page.locator("#choices select[data-column=map]").select_option("DEU_Village")
+    assert _column(page, "scenario") == []
+    page.locator("#clear").click()
+    assert len(_column(page, "scenario")) == 11
+    page.locator("#search").fill("COLLIDED step 9")  # words of a cause, whatever their case
+    assert _column(page, "scenario") == [made.id_of(5)]
+    assert page.locator("#count").inner_text() == "1 of 11 rows"
+
+
+def test_counts_lead_to_their_scenarios_and_rows_open(page):
+    page.locator("#against .pick").nth(1).click()
+    assert _column(page, "scenario") == [made.id_of(3, "Village")] * 2
+    assert "only A" in page.locator("#picked").inner_text()
+    page.locator("#rows tr.failed .open-row").click()
+    told = page.locator("#rows tr.detail").inner_text()
+    assert "the goal was not reached at step 30" in told and "no picture" in told
+    page.locator("#rows tr.open .open-row").click()
+    assert page.locator("#rows tr.detail").count() == 0
