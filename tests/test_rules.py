@@ -591,13 +591,13 @@ def test_what_goes_wrong_is_a_note_and_nothing_more(monkeypatch, capsys):
     monkeypatch.setattr(rules_of_runs, "rules_of", broken)
     run = SimpleNamespace(driven=True, notes=("a repair",))
     assert rules_cells(run) == {"notes": "a repair; rules not judged: ValueError: no number"}
-    assert solve._rules(run) == ((), ["rules     not judged: ValueError: no number"])
+    assert solve.rules_told(run) == ((), ["rules     not judged: ValueError: no number"])
     assert "ValueError" in capsys.readouterr().err
 
 
 def test_nothing_driven_says_nothing():
     run = SimpleNamespace(driven=False, notes=())
-    assert rules_cells(run) == {} and solve._rules(run) == ((), [])
+    assert rules_cells(run) == {} and solve.rules_told(run) == ((), [])
 
 
 def test_the_table_tells_starts_in_violation_apart():
