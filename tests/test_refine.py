@@ -36,7 +36,8 @@ from mpcplan.refine.qp import QpSolver
 from mpcplan.refine.reading import Iterate
 from mpcplan.refine.refine import refine
 from mpcplan.refine.sqp import SqpResult, solve
-from mpcplan.refine.stage import CURVATURE, N_GIVEN, SLACK_OF_ROW
+from mpcplan.refine.stage import CURVATURE, N_GIVEN, SLACK_OF_ROW, Given
+from mpcplan.refine.stage import Point as BodyPoint
 from mpcplan.road.goal import GoalWindow, is_reached
 from mpcplan.road.road import Road, build_roads
 from mpcplan.rules.predicates import safe_distance
@@ -722,3 +723,52 @@ def test_a_failed_subproblem_leaves_the_seed_and_says_so(monkeypatch):
 )
 def test_which_answers_are_used(status, p, usable):
     assert Answer(np.array([p]), np.zeros(1), status, 1).usable is usable
+
+
+# -- reading --------------------------------------------------------------------------------------
+
+
+def problem_beside(right: Array, d: float) -> Problem:
+    """Keeping an offset d on a straight road with a right edge of its own."""
+    frame = frame_of(straight, 120.0)
+    road = road_of(frame)
+    road = replace(road, limits=replace(road.limits, right=right))
+    state = state_at(frame, 50.0, d=d, v=10.0)
+    return problem_of(keeping_seed(road, state, 20), state, occupancy_of(frame, 30), None, Config())
+
+
+def low_of(problem: Problem, name: BodyPoint) -> Array:
+    """A parameter of the body's points."""
+    reading = problem.read(problem.initial())
+    return reading.par[:, len(Given) :].reshape(problem.n, -1, len(BodyPoint))[..., name]
+
+
+@pytest.mark.parametrize("far", [True, False])
+def test_a_corner_far_beside_the_body_is_no_slope(far):
+    """The right edge jumps from -9 m to -3 m: nothing in the way of a body in the middle of the
+    lane, whatever the line along the jump says; for a body near -3 m the line counts."""
+    right = np.where(frame_of(straight, 120.0).s < 59.9, -9.0, -3.0)
+    problem = problem_beside(right, 0.0 if far else -2.0)
+    slope, low = low_of(problem, BodyPoint.LOW_SLOPE), low_of(problem, BodyPoint.LOW)
+    assert (np.abs(slope).max() < 1e-9) if far else (slope.max() > 6.0)
+    half = ref.CAR["width"] / 2
+    at = problem.initial().x[1:, Stage.S, None] + np.array(BODY_POINTS)
+    around = np.abs(at - 60.0) < 1.0
+    assert around.any() and (~around).any()
+    if far:
+        assert low[around] == pytest.approx(-3.0 + half)  # the strictest around, and level
+        assert low[at < 57.0] == pytest.approx(-9.0 + half)
+
+
+def test_tables_are_read_again_only_where_the_iterate_moved():
+    problem = busy_problem()
+    start = problem.at(problem.initial())
+    for moved_by, again in ((0.01, False), (0.2, True)):
+        x = start.z.x.copy()
+        x[5, Stage.S] += moved_by
+        point = problem.at(Iterate(x, start.z.u), start.reading)
+        found = problem.again(point)
+        assert (found is not point) == again
+        assert (found.reading is not start.reading) == again
+        fresh = problem.at(point.z)
+        assert found.cost == pytest.approx(fresh.cost, rel=1e-3)
