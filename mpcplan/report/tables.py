@@ -17,6 +17,7 @@ from mpcplan.score.tr1 import PARTS
 ALL = "all"
 NOTHING = "-"
 _P90 = 90
+_DENSE = 13  # columns that have room beside each other
 Statistic = Callable[[Sequence[float]], float]
 _MAP_FIGURES: tuple[tuple[str, Statistic], ...] = (
     ("TR1 mean", statistics.fmean),
@@ -48,6 +49,11 @@ class Table:
     last_is_all: bool = False
     left: int = 1
     picks: Mapping[tuple[int, int], int] = field(default_factory=dict)
+
+    @property
+    def dense(self) -> bool:
+        """Whether there are so many columns that they must stand close together."""
+        return len(self.head) > _DENSE
 
     @property
     def starts(self) -> set[int]:

@@ -18,6 +18,7 @@ from mpcplan.trajectory import Array
 
 TOTAL = "total"
 PERCENTILES = (50, 95, 100)
+_CAUSE = "cause "
 _LONGEST = 320  # characters of a line; `explain` tells all of it
 
 
@@ -26,7 +27,8 @@ class Told:
     """One trace.
 
     Attributes:
-        words: what `explain` says of the run, long lines cut; or why it cannot be told.
+        words: what `explain` says of the run without its cause, which the row tells, and with long
+            lines cut; or why it cannot be told.
         times: [ms] of every cycle by stage.
     """
 
@@ -38,7 +40,8 @@ def tell(path: Path) -> Told:
     """A trace in words, with its times; one that is broken is told as such."""
     try:
         trace = read_trace(path)
-        return Told("\n".join(map(_cut, run_lines(trace)[1:])), _times(trace))
+        lines = [line for line in run_lines(trace)[1:] if not line.startswith(_CAUSE)]
+        return Told("\n".join(map(_cut, lines)), _times(trace))
     except InputError as error:
         return Told(str(error), {})
     except (KeyError, TypeError, ValueError, AttributeError) as error:

@@ -42,7 +42,7 @@ def _distribution(
     found = [one for one in found if one[2]]
     if not found:
         return None
-    shown = style.figure(title, legend=len(found))
+    shown = style.figure(title, legend=[name for _, name, _ in found])
     for index, name, pairs in found:
         values = [max(value, least) for value, _ in pairs]
         names = [scenario for _, scenario in pairs]
@@ -60,7 +60,9 @@ def parts_distribution(runs: Sequence[Results]) -> go.Figure | None:
     found = [(index, run) for index, run in enumerate(runs) if any(e.parts for e in run.solved)]
     if not found:
         return None
-    shown = style.figure("Weighted parts of TR1: 5, 25, 50, 75, 95 %", legend=len(found))
+    shown = style.figure(
+        "Weighted parts of TR1: 5, 25, 50, 75, 95 %", legend=[run.name for _, run in found]
+    )
     highest = style.LEAST * 10
     for index, run in found:
         boxes = [
@@ -79,7 +81,7 @@ def mean_parts(runs: Sequence[Results]) -> go.Figure | None:
     found = [run for run in runs if any(e.parts for e in run.solved)]
     if not found:
         return None
-    shown = style.figure("Mean of TR1 by its weighted parts", legend=len(PARTS))
+    shown = style.figure("Mean of TR1 by its weighted parts", legend=list(_PART_NAMES.values()))
     names = [run.name for run in found]
     for part, colour in zip(PARTS, colours.COSTS, strict=True):
         means = []

@@ -30,7 +30,8 @@ def cycle_times(runs: Sequence[Results]) -> go.Figure | None:
     found = [(i, run) for i, run in enumerate(runs) if run.numbers("plan_p95_ms", solved=False)]
     if not found:
         return None
-    shown = style.figure("Time of a planning cycle, by scenario", legend=len(found) * len(_CYCLE))
+    told = _labels([run.name for _, run in found], [label for _, label, _ in _CYCLE], runs)
+    shown = style.figure("Time of a planning cycle, by scenario", legend=told)
     every: list[float] = []
     for index, run in found:
         for column, label, width in _CYCLE:
@@ -48,6 +49,11 @@ def cycle_times(runs: Sequence[Results]) -> go.Figure | None:
     return shown
 
 
+def _labels(names: Sequence[str], percentiles: Sequence[str], runs: Sequence[Results]) -> list[str]:
+    """Of the lines, one per run and percentile; the run is named where there are several."""
+    return [f"{name}, {p}" if len(runs) > 1 else p for name in names for p in percentiles]
+
+
 def stage_times(runs: Sequence[Results], times: Sequence[Mapping[str, Array]]) -> go.Figure | None:
     """Median, 95th percentile and longest time of every stage, of each run."""
     found = [
@@ -57,7 +63,8 @@ def stage_times(runs: Sequence[Results], times: Sequence[Mapping[str, Array]]) -
         return None
     stages = stages_of(times)
     height = max(_AROUND + len(stages) * max(_PER_STAGE, 14 * len(found)), style.HEIGHT)
-    shown = style.figure("Time of the stages of a cycle", height=height, legend=3 * len(found))
+    told = _labels([name for _, name, _ in found], [label for label, _ in _SYMBOLS], runs)
+    shown = style.figure("Time of the stages of a cycle", height=height, legend=told)
     every: list[float] = []
     for place, (index, name, one) in enumerate(found):
         offset = _BETWEEN * ((place + 0.5) / len(found) - 0.5)
@@ -94,7 +101,7 @@ def rules_kept(runs: Sequence[Results]) -> go.Figure | None:
     found = [(name, counts) for name, counts in found if sum(counts.values())]
     if not found:
         return None
-    shown = style.figure("Rules kept", legend=len(KEEPING))
+    shown = style.figure("Rules kept", legend=KEEPING)
     names = [name for name, _ in found]
     for word in KEEPING:
         counts = [one.get(word, 0) for _, one in found]
@@ -124,7 +131,7 @@ def robustness(runs: Sequence[Results], rule: Rule) -> go.Figure | None:
     if not found:
         return None
     title = f"{rule.column}, {rule.text}: lowest robustness"
-    shown = style.figure(title, legend=len(found) if len(runs) > 1 else 0)
+    shown = style.figure(title, legend=[name for _, name, _ in found] if len(runs) > 1 else ())
     for index, name, entries in found:
         values = [entry.numbers[rule.column] for entry in entries]
         names = [entry.scenario for entry in entries]

@@ -24,7 +24,11 @@ _WIDER = 1.3
 def coverage_bars(pairs: Sequence[Pair]) -> go.Figure:
     """How many of the common scenarios both solved, only one of them, and neither."""
     height = max(_AROUND + _BAR * len(pairs), style.HEIGHT)
-    shown = style.figure("Solved of the scenarios in common", height=height, legend=len(_GROUPS))
+    shown = style.figure(
+        "Solved of the scenarios in common",
+        height=height,
+        legend=[label for _, label, _ in _GROUPS],
+    )
     names = [f"A: {pair.a}<br>B: {pair.b}" for pair in pairs]
     for field, label, colour in _GROUPS:
         counts = [len(getattr(pair, field)) for pair in pairs]
@@ -72,13 +76,13 @@ def ratios(pairs: Sequence[Pair]) -> go.Figure | None:
     found = [pair for pair in pairs if pair.ratios]
     if not found:
         return None
-    shown = style.figure("Ratio of TR1 where both solved", legend=len(found))
+    labels = [f"{pair.b} / {pair.a}" for pair in found]
+    shown = style.figure("Ratio of TR1 where both solved", legend=labels)
     low, high = 1.0, 1.0
     for index, pair in enumerate(found):
         values = [max(ratio, style.LEAST) for ratio in pair.ratios]
         names = [n for n, (a, _) in zip(pair.costed, pair.costs, strict=True) if a > 0]
-        label = f"{pair.b} / {pair.a}"
-        shown.add_trace(style.distribution(values, names, label, index, ""))
+        shown.add_trace(style.distribution(values, names, labels[index], index, ""))
         low, high = min(low, *values), max(high, *values)
     shown.add_vline(x=1, line={"color": colours.LIMIT, "dash": "dash", "width": 1})
     shown.update_xaxes(

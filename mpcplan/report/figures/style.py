@@ -23,7 +23,7 @@ _STEPS: tuple[tuple[float, tuple[float, ...]], ...] = (
 )  # ticks within a decade where at most so many are shown
 _DIGITS = 5  # significant ones of what is drawn
 _HEAD, _LEGEND_LINE, _FOOT, _LEFT, _RIGHT = 40, 20, 52, 58, 14  # pixels
-_PER_LINE = 3  # entries of the legend
+_ENTRY, _CHARACTER = 46, 6.0  # pixels of an entry of the legend, besides its characters
 
 
 def colour(index: int) -> str:
@@ -36,22 +36,29 @@ def dash(index: int) -> str:
     return _DASHES[index // len(colours.VARIANTS) % len(_DASHES)]
 
 
-def figure(title: str, width: int = WIDTH, height: int = HEIGHT, legend: int = 0) -> go.Figure:
-    """An empty figure; ``legend`` is the number of its entries above the axes."""
-    lines = -(-legend // _PER_LINE)
-    margin = {"t": _HEAD + lines * _LEGEND_LINE, "b": _FOOT, "l": _LEFT, "r": _RIGHT}
+def figure(title: str, height: int = HEIGHT, legend: Sequence[str] = ()) -> go.Figure:
+    """An empty figure; ``legend`` has the names in the legend above the axes, none without one."""
+    margin = {"t": _HEAD + _lines(legend) * _LEGEND_LINE, "b": _FOOT, "l": _LEFT, "r": _RIGHT}
     top = {"text": title, "x": 0.01, "xanchor": "left", "y": 1 - 8 / height, "yanchor": "top"}
     return go.Figure(
         layout={
-            "template": "none", "width": width, "height": height, "margin": margin,
+            "template": "none", "width": WIDTH, "height": height, "margin": margin,
             "title": {**top, "font": {"size": 14}},
             "font": {"family": _FONT, "size": 12, "color": "#222"},
-            "paper_bgcolor": "#fff", "plot_bgcolor": "#fff", "showlegend": legend > 0,
+            "paper_bgcolor": "#fff", "plot_bgcolor": "#fff", "showlegend": len(legend) > 0,
             "legend": {"orientation": "h", "x": 0, "y": 1.0, "yanchor": "bottom",
                        "font": {"size": 11}, "traceorder": "normal"},
             "xaxis": _axis(), "yaxis": _axis(), "hoverlabel": {"namelength": -1},
         }
     )  # fmt: skip
+
+
+def _lines(legend: Sequence[str]) -> int:
+    """How many lines the legend takes: its entries are as wide as the longest of them."""
+    if not legend:
+        return 0
+    entry = _ENTRY + _CHARACTER * max(map(len, legend))
+    return math.ceil(len(legend) / max((WIDTH - _LEFT - _RIGHT) // entry, 1))
 
 
 def _axis() -> dict[str, Any]:
