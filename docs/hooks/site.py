@@ -42,7 +42,7 @@ API = {  # pages of the reference: title, and the packages or modules on it
     "rules": ("Rules", ["rules"]),
     "score": ("Referee", ["score"]),
     "bound": ("Bound", ["bound"]),
-    "bench": ("Many scenarios", ["bench", "compete", "report"]),
+    "bench": ("Many scenarios", ["bench", "compete", "report", "report.figures"]),
     "show": ("Pictures and words", ["show", "explain", "review"]),
 }  # fmt: skip
 NOT_IN_API = ("cli", "__main__")  # no interface: what they do is in the README

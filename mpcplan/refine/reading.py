@@ -23,7 +23,7 @@ from mpcplan.vehicle import FORD_ESCORT as CAR
 FREE = 1e4  # no bound
 NO_LEAD = 1e3  # m ahead, in place of infinity
 REACH = 0.25  # m, to either side, over which the edges' slopes are read off
-AROUND = 1.0  # m, to either side, over which an edge is the strictest for a body far from it
+AROUND = 3.0  # m, to either side, over which an edge is the strictest for a body far from it
 ROOM = 0.3  # m, from the strictest edge around, from which a body counts as far
 GAUSS_POINTS = (0.5 - np.sqrt(1 / 12), 0.5 + np.sqrt(1 / 12))  # of a step
 LEAST_STRETCH = 0.1  # of a circle around which the body's points are sought
