@@ -12,7 +12,7 @@ from types import ModuleType
 from typing import Any
 
 from mpcplan.config.base import CLASS
-from mpcplan.errors import InputError
+from mpcplan.errors import InputError, PlannerError
 
 LONGEST = 300  # characters of a foreign message that are told
 _HERE = Path(__file__).parent
@@ -62,6 +62,24 @@ def class_named(spec: str, part: Part) -> type[Any]:
         wanted = f"{part.method}({part.arguments})"
         raise InputError(f"{part.name} {spec!r}: class {name} has no method {wanted}")
     return found
+
+
+def asked(part: Part, spec: str, made: type[Any], when: str, call: Any, *arguments: Any) -> Any:
+    """What a call of foreign code answers.
+
+    Args:
+        part: what its class is named for; spec: by which name; made: the class.
+        when: the occasion, for the message; '' for none.
+        call: what is called, with the arguments.
+
+    Raises:
+        PlannerError: it raised something; one line says what and where.
+    """
+    try:
+        return call(*arguments)
+    except Exception as error:
+        place = f"{part.name} {spec!r}, {when}" if when else f"{part.name} {spec!r}"
+        raise PlannerError(f"{place}: {brief(error, made)}") from error
 
 
 def has_method(found: type[Any], name: str) -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 from mpcplan.config import PredictConfig
 from mpcplan.errors import PlannerError
 from mpcplan.observation import Box, Forecast, Observation
-from mpcplan.plug.named import Part, brief, class_named
+from mpcplan.plug.named import Part, asked, class_named
 from mpcplan.task import Task
 
 PREDICTOR = Part("predict.kind", "__call__", "observation")
@@ -50,11 +50,7 @@ class ForeignPredictor:
         return self._last[1]
 
     def _ask(self, when: str, call: Any, *arguments: Any) -> Any:
-        try:
-            return call(*arguments)
-        except Exception as error:
-            told = brief(error, self._make)
-            raise PlannerError(f"{PREDICTOR.name} {self._spec!r}, {when}: {told}") from error
+        return asked(PREDICTOR, self._spec, self._make, when, call, *arguments)
 
 
 def _wrong(answer: Any, observation: Observation) -> str:

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from mpcplan.errors import PlannerError
-from mpcplan.plug.named import Part, brief, class_named
+from mpcplan.plug.named import Part, asked, class_named
 from mpcplan.refine.layout import Layout
 from mpcplan.trajectory import Array
 
@@ -53,8 +53,4 @@ class ForeignBackend:
         return answer
 
     def _ask(self, call: Any, *arguments: Any) -> Any:
-        try:
-            return call(*arguments)
-        except Exception as error:
-            told = brief(error, self._make)
-            raise PlannerError(f"{BACKEND.name} {self._spec!r}: {told}") from error
+        return asked(BACKEND, self._spec, self._make, "", call, *arguments)

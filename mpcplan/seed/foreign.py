@@ -15,7 +15,7 @@ import numpy as np
 
 from mpcplan.config import Config
 from mpcplan.errors import PlannerError
-from mpcplan.plug.named import Part, brief, class_named
+from mpcplan.plug.named import Part, asked, class_named
 from mpcplan.predict.occupancy import Occupancy
 from mpcplan.road.road import Road
 from mpcplan.seed.cost import trajectory_cost
@@ -64,12 +64,12 @@ def foreign_seeds(
         PlannerError: it failed, or proposed what is no seed.
     """
     made = class_named(spec, SOURCE)
-    try:
+
+    def propose() -> list[Proposal]:
         source = _made(made, config, dt)
-        proposed = list(source(road, state.copy(), acceleration, step, occupancy))
-    except Exception as error:
-        told = brief(error, made)
-        raise PlannerError(f"{SOURCE.name} {spec!r}, step {step}: {told}") from error
+        return list(source(road, state.copy(), acceleration, step, occupancy))
+
+    proposed = asked(SOURCE, spec, made, f"step {step}", propose)
     present = _present(road, state)
     for proposal in proposed:
         wrong = _wrong(proposal, present)

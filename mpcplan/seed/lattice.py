@@ -41,26 +41,6 @@ LEADER_TIMES = (2.0, 4.0)  # s, at which leaders are followed
 
 
 @dataclass(frozen=True, eq=False)
-class Lattice:
-    """The best candidates (best first), the report of the others, and the tables behind them.
-
-    ``accepted`` and the ``violations`` by constraint are (p, i), over paths and profiles.
-    """
-
-    seeds: list[Seed]
-    report: SeedReport
-    paths: Paths
-    window: Occupancy
-    blocked: Blocked
-    pose: FrenetPose
-    motion: Motion
-    profiles: Profiles
-    table: Table
-    accepted: Array
-    violations: dict[str, tuple[Array, str]]
-
-
-@dataclass(frozen=True, eq=False)
 class Judged:
     """All candidates (path p, profile i), and what was said of them.
 
@@ -90,6 +70,13 @@ class Judged:
     motion: Motion
 
 
+@dataclass(frozen=True, eq=False)
+class Lattice(Judged):
+    """All candidates, judged, and the best of them as seeds (best first)."""
+
+    seeds: list[Seed]
+
+
 def lattice(
     road: Road, state: Array, acceleration: float, step: int, occupancy: Occupancy,
     config: Config, dt: float,
@@ -100,10 +87,7 @@ def lattice(
     seeds = _finalists(
         road, found.paths, found.profiles, found.table, found.cost, found.accepted, step, config
     )
-    return Lattice(
-        seeds, found.report, found.paths, found.window, found.blocked, found.pose, found.motion,
-        found.profiles, found.table, found.accepted, found.violations,
-    )  # fmt: skip
+    return Lattice(**vars(found), seeds=seeds)
 
 
 def judge_all(
