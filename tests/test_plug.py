@@ -10,11 +10,11 @@ import made
 import numpy as np
 import pytest
 
+from mpcplan.cli.classes import check_classes
 from mpcplan.config import Config, PredictConfig
 from mpcplan.config.files import load_config
 from mpcplan.errors import ConfigError, InputError, PlannerError
 from mpcplan.observation import Forecast, Observation, Snapshot
-from mpcplan.plug.configured import check_classes
 from mpcplan.predict.occupancy import occupancy
 from mpcplan.predict.predictor import make_predictor
 from mpcplan.refine.backends import EXACT, Answer, make_backend

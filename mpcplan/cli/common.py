@@ -21,8 +21,8 @@ def configured(args: argparse.Namespace) -> "Config":
         ConfigError: a key or value is at fault.
         InputError: a class that is named cannot be used.
     """
+    from mpcplan.cli.classes import check_classes
     from mpcplan.config.files import load_config
-    from mpcplan.plug.configured import check_classes
 
     config = load_config(args.config, args.set)
     with quiet():
