@@ -49,7 +49,7 @@ class RefineConfig(Section):
     )
     iterations: int = par(5, "1", "SQP iterations at most when a plan goes on", ge=1, le=200)
     tolerance: float = par(2e-3, "1", "scaled step at which the iteration ends", gt=0, le=1)
-    gain: float = par(5e-4, "1", "relative gain at which the iteration ends", ge=0, le=1)
+    gain: float = par(1e-3, "1", "relative gain at which the iteration ends", ge=0, le=1)
     damping: float = par(
         0.001,
         "1",

@@ -118,6 +118,13 @@ class Layout:
         """The rows that are neither equations nor bounds of single variables."""
         return slice(self.soft.start, self.at_goal.stop)
 
+    @cached_property
+    def hard(self) -> Index:
+        """The rows that have no slack: acceleration limits, and bounds but for those of slacks."""
+        limits = self.soft.start + LIMIT_ROW + N_ROWS * np.arange(self.n)
+        boxes = np.arange(self.box.start, self.box.stop - 1).reshape(self.n, -1)
+        return np.concatenate([limits, boxes[:, : len(BOXES)].ravel()])
+
     @property
     def slacks(self) -> Index:
         """(3 N + 1,) columns of all slacks, the goal's last."""

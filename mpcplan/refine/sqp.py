@@ -1,9 +1,14 @@
 """Sequential quadratic programming for the refinement's problem.
 
 At each iterate the quadratic model is solved for a step p, which is shortened by halving until the
-merit function phi(z) = objective + slack penalties + rho |defects|_1 falls (Nocedal and Wright,
-Numerical Optimization, ch. 18). Where no shortened step does that, the model is solved again with
-more Levenberg-Marquardt damping. KKT residuals are computed here from the multipliers, not taken
+merit function
+
+    phi(z) = objective + slack penalties + sum_i rho_i sum_k |defect_ki| + rho_h hard(z)
+
+falls (Nocedal and Wright, Numerical Optimization, ch. 18); hard is the largest violation of what
+has no slack. The weights are a little more than the multipliers ask for, component by component of
+the state (eq. 18.32): heavier ones would refuse good steps for defects that the next step removes.
+Where no shortened step lowers it, the model is solved again with more Levenberg-Marquardt damping. KKT residuals are computed here from the multipliers, not taken
 from the QP solver, and only when they are asked for.
 """
 
@@ -15,21 +20,22 @@ from typing import Any
 import numpy as np
 
 from mpcplan.config import WHOLE, Backend, RefineConfig
+from mpcplan.refine.layout import STATE_SCALE, Layout
 from mpcplan.refine.problem import SLACK_CURVATURE, Point, Problem, step_size
 from mpcplan.refine.qp import QpSolver
 from mpcplan.refine.reading import Iterate
 from mpcplan.refine.whole import solve_whole
 from mpcplan.trajectory import Array
 
-DEFECT_PENALTY = 200.0  # rho of the merit function, at least
-RHO_SHARE = 1.2  # or this multiple of the largest multiplier
+RHO_SHARE = 1.2  # multiple of the largest multipliers that weighs defects in the merit function
+RHO_LEAST = 0.01  # but at least this, for a defect of typical size
+HARD_LEAST = 1.0  # weight of actuator bounds at least [s^2/m, ...]
 DEFECT_TOLERANCE = 1e-3
 ARMIJO = 1e-6
 DAMPING_LESS, DAMPING_MORE = 0.3, 4.0  # after a whole step, after a short one
 DAMPING_REFUSED, DAMPING_LEAST = 10.0, 0.01  # after a step without descent
 DAMPING_MAX = 10.0  # beyond which no step can be expected to help
 FAILED = "subproblem failed"
-HARD = 10.0  # weight of actuator bounds beside that of defects
 STALLED = 0.1  # scaled step below which no descent means that the optimum is reached
 
 
@@ -109,7 +115,7 @@ def solve(problem: Problem, config: RefineConfig, fresh: bool = True) -> SqpResu
     start = point = problem.at(problem.initial())
     status, qp_iterations, iteration = "iteration limit", 0, 0
     multipliers: Array | None = None
-    damping = config.damping
+    damping, merit = config.damping, Merit(problem.layout)
     for iteration in range(1, most + 1):  # noqa: B007 (told in the result)
         answer = solver.solve(problem.quadratic(point, damping))
         qp_iterations += answer.iterations
@@ -117,7 +123,8 @@ def solve(problem: Problem, config: RefineConfig, fresh: bool = True) -> SqpResu
             status = f"{FAILED}: {answer.status}"
             break
         multipliers = answer.y
-        moved = _line_search(problem, point, answer.p, multipliers, config.line_search)
+        merit.weigh(multipliers)
+        moved = _line_search(problem, point, answer.p, merit, config.line_search)
         if moved is None:  # the model is not trusted that far: a shorter step by more damping
             if damping > DAMPING_MAX:
                 status = "no descent"
@@ -127,7 +134,7 @@ def solve(problem: Problem, config: RefineConfig, fresh: bool = True) -> SqpResu
         trial, size, gain, share = moved
         point = problem.again(trial)
         damping *= DAMPING_LESS if share == 1.0 else DAMPING_MORE if share < 0.5 else 1.0
-        settled = size < config.tolerance or gain < config.gain * (1.0 + start.cost)
+        settled = size < config.tolerance or gain < config.gain * (1.0 + point.cost)
         if settled and np.abs(point.defects).max() < DEFECT_TOLERANCE:
             status = "converged"
             break
@@ -179,12 +186,31 @@ def _residuals(problem: Problem, point: Point, y: Array | None) -> Kkt:
     )
 
 
-def _merit(point: Point, rho: float) -> float:
-    return point.cost + rho * (float(np.abs(point.defects).sum()) + HARD * point.hard)
+class Merit:
+    """The merit function; its weights never fall, so that it can judge one iteration's progress
+    after the other."""
+
+    def __init__(self, layout: Layout) -> None:
+        """Without multipliers yet, for problems of a layout."""
+        self._layout = layout
+        self._rho, self._hard = RHO_LEAST / STATE_SCALE, HARD_LEAST
+
+    def weigh(self, y: Array) -> None:
+        """Raises the weights to what the multipliers of a subproblem ask for: the largest of each
+        component of the state; of the bounds, of which the largest violation counts, their sum."""
+        lay = self._layout
+        largest = np.abs(y[lay.dynamics]).reshape(lay.n, -1).max(axis=0)
+        self._rho = np.maximum(self._rho, RHO_SHARE * largest)
+        self._hard = max(self._hard, RHO_SHARE * float(np.abs(y[lay.hard]).sum()))
+
+    def __call__(self, point: Point) -> float:
+        """phi at a point."""
+        defects = float((np.abs(point.defects) @ self._rho).sum())
+        return point.cost + defects + self._hard * point.hard
 
 
 def _line_search(
-    problem: Problem, point: Point, p: Array, y: Array, halvings: int
+    problem: Problem, point: Point, p: Array, merit: Merit, halvings: int
 ) -> tuple[Point, float, float, float] | None:
     """The first shortened step that lowers the merit: point, scaled size, gain, share.
 
@@ -193,12 +219,11 @@ def _line_search(
     z, lay = point.z, problem.layout
     dx, du = np.zeros_like(z.x), p[lay.u]
     dx[1:] = p[lay.x]
-    rho = max(DEFECT_PENALTY, RHO_SHARE * float(np.abs(y[lay.dynamics]).max()))
-    before = _merit(point, rho)
+    before = merit(point)
     alpha, whole = 1.0, step_size(dx)
     for _ in range(halvings + 1):
         trial = problem.at(Iterate(z.x + alpha * dx, z.u + alpha * du), point.reading)
-        gain = before - _merit(trial, rho)
+        gain = before - merit(trial)
         if gain >= ARMIJO * alpha * abs(before):
             return trial, alpha * whole, gain, alpha
         alpha /= 2
