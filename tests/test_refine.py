@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from functools import cache
+from pathlib import Path
 
 import casadi as ca
 import made
@@ -35,7 +36,7 @@ from mpcplan.refine.problem import SLACK_CURVATURE, Point, Problem
 from mpcplan.refine.qp import QpSolver
 from mpcplan.refine.reading import Iterate
 from mpcplan.refine.refine import refine
-from mpcplan.refine.sqp import SqpResult, solve
+from mpcplan.refine.sqp import Merit, SqpResult, solve
 from mpcplan.refine.stage import CURVATURE, N_GIVEN, SLACK_OF_ROW, Given
 from mpcplan.refine.stage import Point as BodyPoint
 from mpcplan.road.goal import GoalWindow, is_reached
@@ -48,9 +49,11 @@ from mpcplan.seed.crossing import last_crossing
 from mpcplan.seed.lattice import lattice
 from mpcplan.seed.paths import BODY_POINTS, frenet_pose
 from mpcplan.seed.seed import Seed, Stage
+from mpcplan.solvers.record import TO_GOAL, record_problems
 from mpcplan.trajectory import Array
 from mpcplan.vehicle import FORD_ESCORT, simulate
 
+ROOT = Path(__file__).resolve().parents[1]
 EPS = 1e-6
 
 
@@ -599,6 +602,51 @@ def test_kkt_residuals_are_small_at_the_solution(name):
     assert result.kkt.bounds < 1e-6
     assert result.kkt.complementarity < 1e-3
     assert result.cost_after <= result.cost_before + problem.at(problem.initial()).penalty
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_merit_is_least_at_the_optimum(name):
+    """With the weights that the multipliers ask for the penalty is exact (Nocedal and Wright,
+    theorem 17.3): nothing near the solution has a smaller merit."""
+    problem, result, _ = both(name, True)
+    point = problem.at(result.z)
+    qp = QpSolver(problem.layout, "piqp", 100, 1e-4)
+    merit = Merit(problem.layout)
+    merit.weigh(qp.solve(problem.quadratic(point)).y)
+    random, least = np.random.default_rng(3), merit(point)
+    for size in (0.3, 0.03):
+        for _ in range(50):
+            dx = size * STATE_SCALE * random.normal(size=point.z.x.shape)
+            du = size * np.array(INPUT_SCALE) * random.normal(size=point.z.u.shape)
+            dx[0] = 0.0
+            near = Iterate(point.z.x + dx, point.z.u + du)
+            assert merit(problem.at(near, point.reading)) > least
+
+
+def test_weights_of_the_merit_never_fall():
+    problem, _, _ = both("lane change", True)
+    lay, merit, point = problem.layout, Merit(problem.layout), problem.at(problem.initial())
+    large = np.zeros(lay.n_rows)
+    large[lay.dynamics] = 3.0
+    large[lay.hard] = 0.5
+    merit.weigh(large)
+    value = merit(point)
+    merit.weigh(0.1 * large)
+    assert merit(point) == value
+    merit.weigh(2.0 * large)
+    assert merit(point) > value
+
+
+def test_full_steps_are_taken_where_the_model_is_good():
+    """Weights far above the multipliers refused good steps here for small defects: the cost went
+    down by half its way to the optimum at every iteration, and ended above it at the limit."""
+    problems = record_problems(ROOT / "scenarios" / "ZAM_Bicycle-1_1_T-1.xml", Config())
+    whole_way = [p.problem for p in problems if p.kind == TO_GOAL and p.problem.n >= 80]
+    assert whole_way
+    for problem in whole_way[:2]:
+        result = solve(problem, Config().refine)
+        assert result.status == "converged"
+        assert result.iterations < 8
 
 
 @pytest.mark.parametrize("name", ["bend", "lane change", "parked car"])

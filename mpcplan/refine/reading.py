@@ -7,6 +7,7 @@ their derivatives by s are exact where they were read off.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
@@ -25,6 +26,7 @@ NO_LEAD = 1e3  # m ahead, in place of infinity
 REACH = 0.25  # m, to either side, over which the edges' slopes are read off
 AROUND = 3.0  # m, to either side, over which an edge is the strictest for a body far from it
 ROOM = 0.3  # m, from the strictest edge around, from which a body counts as far
+PROJECTED = 1e-4  # m, of the body's points in s; the error of their offsets is its square's size
 GAUSS_POINTS = (0.5 - np.sqrt(1 / 12), 0.5 + np.sqrt(1 / 12))  # of a step
 LEAST_STRETCH = 0.1  # of a circle around which the body's points are sought
 SHORTEST_WAY = 0.1  # m, between the Gauss points' places at least
@@ -76,11 +78,7 @@ class Reader:
         self._par[:, Given.S_MIN], self._par[:, Given.S_MAX] = later.s_min, later.s_max
         self._par[:, [Given.SLANT_S, Given.SLANT_D, Given.SLANT_MAX]] = later.slant
         self._lead = later.lead
-        samples = 2 * (int(np.ceil(AROUND / road.frame.spacing)) + 1) + 1
-        self._strictest = (
-            maximum_filter1d(road.limits.right, samples),
-            minimum_filter1d(road.limits.left, samples),
-        )
+        self._strictest = _strictest(road)
 
     def __call__(self, z: Iterate) -> Reading:
         """The reading at an iterate."""
@@ -107,8 +105,11 @@ class Reader:
         model[:, 2] = places[0]
         return model
 
-    def project_body(self, x: Array) -> tuple[Array, Array, Array]:
-        """(n, 4) arc lengths and offsets of the body's points, and the body's heading there."""
+    def project_body(self, x: Array, bend: Array | None = None) -> tuple[Array, Array, Array]:
+        """(n, 4) arc lengths and offsets of the body's points, and the body's heading there.
+
+        ``bend``: the curvatures at the bodies' centres, where they are known already.
+        """
         frame = self._road.frame
         s, d, mu = x[:, Stage.S], x[:, Stage.D], x[:, Stage.MU]
         psi = frame.heading(s) + mu
@@ -118,16 +119,16 @@ class Reader:
         points[..., 0] = axle[:, 0, None] + np.cos(psi)[:, None] * AHEAD
         points[..., 1] = axle[:, 1, None] + np.sin(psi)[:, None] * AHEAD
         # where the points would be if the path was a circle; the projection starts from there
-        kappa = frame.curvature(s + CAR.rear_to_centre)[:, None]
+        kappa = (frame.curvature(s + CAR.rear_to_centre) if bend is None else bend)[:, None]
         near = along / np.maximum(1.0 - kappa * (d[:, None] + across), LEAST_STRETCH)
         near *= 1.0 - (kappa * near) ** 2 / 3
-        at, offset = frame.to_frenet(points, s[:, None] + near)
+        at, offset = frame.to_frenet(points, s[:, None] + near, PROJECTED)
         return at, offset, psi[:, None] - frame.heading(at)
 
     def _read_body(self, x: Array, par: Array, kappa: Array, bend: Array) -> None:
         """Parameters of the body's points, into their rows."""
         d, mu = x[:, Stage.D, None], x[:, Stage.MU, None]
-        at, offset, turn = self.project_body(x)
+        at, offset, turn = self.project_body(x, bend)
         of_points = par[:, len(Given) :].reshape(len(x), len(AHEAD), len(Point))
         of_points[..., Point.BIAS] = offset - body_offset_at(d, mu, bend[:, None], AHEAD)
         # the rear axle moves along the path's tangent (angle -mu to the body); a motion of the
@@ -180,6 +181,13 @@ class Reader:
             margin = GOAL_MARGIN * (0.1 if i == 3 else 1.0)
             bounds.append(_shrunk(interval, margin, heading if i == 3 else None))
         return np.array(bounds).T.ravel()
+
+
+@lru_cache(maxsize=32)
+def _strictest(road: Road) -> tuple[Array, Array]:
+    """The strictest right and left edge within :data:`AROUND` of every sample."""
+    samples = 2 * (int(np.ceil(AROUND / road.frame.spacing)) + 1) + 1
+    return maximum_filter1d(road.limits.right, samples), minimum_filter1d(road.limits.left, samples)
 
 
 def _shrunk(

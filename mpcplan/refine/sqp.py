@@ -8,8 +8,9 @@ merit function
 falls (Nocedal and Wright, Numerical Optimization, ch. 18); hard is the largest violation of what
 has no slack. The weights are a little more than the multipliers ask for, component by component of
 the state (eq. 18.32): heavier ones would refuse good steps for defects that the next step removes.
-Where no shortened step lowers it, the model is solved again with more Levenberg-Marquardt damping. KKT residuals are computed here from the multipliers, not taken
-from the QP solver, and only when they are asked for.
+Where no shortened step lowers it, the model is solved again with more Levenberg-Marquardt damping.
+KKT residuals are computed here from the multipliers, not taken from the QP solver, and only when
+they are asked for.
 """
 
 from collections.abc import Callable

@@ -118,7 +118,9 @@ class Frame:
         point[1] += d * tangent[0]
         return point.T.reshape(*shape, 2)
 
-    def to_frenet(self, points: Array, near: Array | None = None) -> tuple[Array, Array]:
+    def to_frenet(
+        self, points: Array, near: Array | None = None, tolerance: float = NEWTON_TOLERANCE
+    ) -> tuple[Array, Array]:
         """Frenet coordinates (s, d) [m] of (..., 2) points: their nearest point on the path.
 
         Beyond the ends the path is continued by its tangents. Where several points of the path
@@ -128,6 +130,7 @@ class Frame:
             points: the points [m].
             near: (...) arc lengths [m] from which the projection is followed, so that all points
                 of one body land on the same stretch of a winding path; None: the nearest sample.
+            tolerance: of s [m].
         """
         points = np.asarray(points, float)
         shape = points.shape[:-1]
@@ -138,7 +141,7 @@ class Frame:
         else:
             s = np.array(near, float).reshape(-1)
             low, high = s - FOLLOW_REACH, s + FOLLOW_REACH
-        s, point, tangent = self._nearest(flat, s, low, high)
+        s, point, tangent = self._nearest(flat, s, low, high, tolerance)
         tangent /= np.hypot(*tangent)
         x, y = flat - point
         along = x * tangent[0] + y * tangent[1]
@@ -148,7 +151,7 @@ class Frame:
         return s.reshape(shape), d.reshape(shape)
 
     def _nearest(
-        self, points: Array, s: Array, low: Array, high: Array
+        self, points: Array, s: Array, low: Array, high: Array, tolerance: float
     ) -> tuple[Array, Array, Array]:
         """Newton's method for (p(s) - q) . p'(s) = 0 from s, kept between bounds: s, p and p', for
         (2, m) points.
@@ -163,7 +166,7 @@ class Frame:
             move = (gap * tangent).sum(0) / np.maximum(slope, MIN_STRETCH)
             before = s
             s = np.minimum(np.maximum(s - move, low), high)
-            far = np.abs(s - before) >= NEWTON_TOLERANCE
+            far = np.abs(s - before) >= tolerance
             if not far.any():
                 break
             found = self._evaluate(np.clip(s[far], 0.0, self.length))
