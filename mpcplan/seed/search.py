@@ -13,6 +13,7 @@ of polynomials misses. Source: hybrid A* (Dolgov et al. 2010) with time as the o
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
+from enum import IntEnum
 from itertools import pairwise
 
 import numpy as np
@@ -33,6 +34,7 @@ LONG_STEPS = 50  # horizons beyond this have cells
 LONG_CELLS = 1.5  # times as large
 ACTUATOR_SHARE = 0.95  # of the limits that the search uses
 AHEAD_CELLS = 10_000_000  # more than there are cells of (sigma, v)
+LEAST_LIMIT = 0.1  # m/s, of a speed limit
 ROLLING = 1e-6  # m/s, slower is standing
 
 
@@ -53,23 +55,29 @@ class Labels:
         return Labels(*(getattr(self, f.name)[index] for f in fields(self)))
 
 
+class Along(IntEnum):
+    """Rows of what does not change with time along a path, see :attr:`Tables.along`."""
+
+    STEERING = 0  # cost rate of the steering by v^2
+    SWIFT = 1  # |delta'| [rad/m]
+    KAPPA = 2  # |curvature| [1/m]
+    SPEED = 3  # posted and curve limit [m/s]
+
+
 @dataclass(frozen=True, eq=False)
 class Tables:
     """Lookups over the samples of one path (n,) and the time steps (k)."""
 
     spacing: float
     blocked: Array  # (k, n)
-    closeness: Array  # (k, n) cost rate
-    offset: Array  # (n,) cost rate of the lane offset
-    delta_slope: Array
-    kappa: Array
-    speed: Array  # (n,) posted and curve limit
-    lateness: Array  # (k, n) cost rate of being short of a position that is due
+    rate: Array  # (k, n) cost rate of closeness, lane offset, and of being short of what is due
+    along: Array  # (4, n), rows Along
     passed: Array  # (m, k) last sample blocked by each obstacle that is told apart, -1: none
 
     def at(self, sigma: Array) -> Array:
-        """Indices of the samples."""
-        return np.clip(np.rint(sigma / self.spacing).astype(int), 0, len(self.kappa) - 1)
+        """Indices of the samples nearest to sigma >= 0."""
+        index = (sigma * (1.0 / self.spacing) + 0.5).astype(np.int64)
+        return np.minimum(index, self.along.shape[1] - 1)
 
 
 def search(
@@ -144,18 +152,22 @@ def tables_of(
     cost = config.cost
     due = road.due(step, blocked.owner.shape[1] - 1, cost.reserve)
     off_road = paths.road_excess[path] - paths.road_excess[path, 0] > config.seed.road_slack
+    closeness = np.exp(-cost.distance_decay * (blocked.lead[path] - cost.distance_offset))
+    offset = cost.lane * road.limits.lane_offset(road.frame, paths.s[path], paths.d[path]) ** 2
+    late = cost.late * np.maximum(due[:, None] - paths.s[path], 0.0) ** 2
+    late += cost.haste * (paths.s[path] < blocked.clear)
+    slope = np.abs(paths.delta_slope[path])
+    speed = np.interp(paths.s[path], road.frame.s, road.limits.speed)
     return Tables(
         paths.spacing,
         (blocked.owner[path] >= 0) | off_road[None],
-        cost.distance * np.exp(-cost.distance_decay * (blocked.lead[path] - cost.distance_offset)),
-        cost.lane * road.limits.lane_offset(road.frame, paths.s[path], paths.d[path]) ** 2,
-        paths.delta_slope[path],
-        np.abs(paths.kappa[path]),
-        np.interp(paths.s[path], road.frame.s, road.limits.speed),
-        cost.late * np.maximum(due[:, None] - paths.s[path], 0.0) ** 2
-        + cost.haste * (paths.s[path] < blocked.clear),
+        cost.distance * closeness + offset + late,
+        np.stack([
+            cost.steering_rate * slope**2, slope, np.abs(paths.kappa[path]),
+            np.maximum(speed, LEAST_LIMIT),
+        ]),
         np.empty((0, len(blocked.owner[path])), int) if passed is None else passed,
-    )
+    )  # fmt: skip
 
 
 def layer_bounds(road: Road, step: int, last: int, moves: int) -> list[int]:
@@ -179,23 +191,23 @@ def _grow(
     duration = (last - first) * dt
     cost = cost + config.cost.jerk * (a - labels.a[parent]) ** 2 / duration
     allowed = a <= ACTUATOR_SHARE * acceleration_limit(np.maximum(v, v + a * duration))
+    lateral = np.sqrt(np.maximum((ACTUATOR_SHARE * CAR.a_max) ** 2 - a**2, 0.0))
     for k in range(first + 1, last + 1):
         after = np.maximum(v + a * dt, 0.0)
-        sigma, v = sigma + (v + after) / 2 * dt, after
-        at = tables.at(sigma)
-        allowed &= ~tables.blocked[k, at]
+        sigma, v = sigma + (v + after) * (dt / 2), after
+        at, square = tables.at(sigma), v * v
         for bit in np.flatnonzero(tables.passed[:, k] >= 0).tolist():
             beyond = (at > tables.passed[bit, k]).astype(np.int64) << bit
             ahead = ahead & ~(1 << bit) | beyond
-        allowed &= np.hypot(a, v**2 * tables.kappa[at]) <= ACTUATOR_SHARE * CAR.a_max
-        steering = (tables.delta_slope[at] * v) ** 2
-        excess = np.maximum(v - np.maximum(tables.speed[at], 0.1), 0.0) ** 2
-        rate = tables.closeness[k, at] + tables.offset[at] + tables.lateness[k, at]
-        rate = rate + config.cost.steering_rate * steering
-        cost = cost + dt * (rate + config.refine.speeding * excess)
-        slow = np.abs(tables.delta_slope[at]) * v - CAR.v_delta_max
+        along = tables.along.take(at, axis=1)
+        excess = np.maximum(v - along[Along.SPEED], 0.0)
+        slow = np.maximum(along[Along.SWIFT] * v - CAR.v_delta_max, 0.0)
+        allowed &= ~tables.blocked[k].take(at)
+        allowed &= square * along[Along.KAPPA] <= lateral
         allowed &= slow <= config.seed.steering_slack
-        cost = cost + dt * config.seed.slack_cost * np.maximum(slow, 0.0)
+        rate = tables.rate[k].take(at) + along[Along.STEERING] * square
+        rate += config.refine.speeding * (excess * excess) + config.seed.slack_cost * slow
+        cost += dt * rate
     if not allowed.any():
         return None
     return Labels(sigma, v, a, cost, parent, ahead).pick(np.flatnonzero(allowed))
