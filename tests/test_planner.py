@@ -128,7 +128,7 @@ def test_where_motion_is_a_guess_there_are_fewer_routes_and_no_delays():
     assert guessed.config.road.variants == Config().predict.variants
 
 
-@pytest.mark.parametrize("name", ["reserve", "haste"])
+@pytest.mark.parametrize("name", ["reserve", "haste", "safe_distance"])
 def test_where_motion_is_a_guess_caution_costs_at_least_what_is_configured(name):
     loaded = bundled("LaneChange")
     task = task_of(loaded, loaded.problems[0])
@@ -137,6 +137,15 @@ def test_where_motion_is_a_guess_caution_costs_at_least_what_is_configured(name)
     for own, expected in ((0.0, least), (0.9, max(0.9, least))):
         config = configured(cost={name: own}, predict={"kind": "constant_input"})
         assert getattr(Planner(task, config).config.cost, name) == expected
+
+
+def test_where_motion_is_a_guess_the_distance_holds_until_the_next_cycle():
+    loaded = bundled("LaneChange")
+    task = task_of(loaded, loaded.problems[0])
+    known, guessed = Planner(task).config, Planner(task, BLIND).config
+    assert known.cost == Config().cost
+    assert guessed.cost.rules_delay == guessed.drive.replan > 0
+    assert guessed.cost.rules_horizon == guessed.predict.rules_horizon < known.cost.rules_horizon
 
 
 def test_plans_in_haste_that_fail_give_way_to_plans_that_take_their_time():
