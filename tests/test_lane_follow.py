@@ -105,20 +105,6 @@ def test_who_stands_for_no_reason_stays():
     assert (forecast.boxes[0] == forecast.boxes[0, 0]).all()
 
 
-@pytest.mark.parametrize("delay", [0.4, 1.0])
-def test_who_stands_behind_somebody_who_drives_off_stands_a_while_yet(delay):
-    observation = seen(moving(0, 0, 0, 0), moving(8, 0, 0, 4))
-    x = column(predicted(straight_road(), observation, start_delay=delay), 0, Box.X)
-    still = round(delay / DT)
-    assert x[: still + 1] == pytest.approx(np.zeros(still + 1)) and x[still + 2] > 0 and x[-1] > 10
-
-
-def test_who_has_begun_to_drive_off_goes_on():
-    observation = seen(moving(0, 0, 0, 0.05, 1.0), moving(8, 0, 0, 4))
-    x = column(predicted(straight_road(), observation), 0, Box.X)
-    assert x[2] > x[0] and (np.diff(x) > 0).all()
-
-
 @pytest.mark.parametrize("limit", [8.0, 13.9])
 def test_signs_are_minded(limit):
     roads = network(lane(1, line((-100, 0), (600, 0))), limits={1: limit})

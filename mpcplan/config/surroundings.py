@@ -130,13 +130,6 @@ class PredictConfig(Section):
     acceleration_fade: float = par(
         3.0, "s", "time constant by which an observed acceleration becomes the usual one", gt=0
     )
-    start_delay: float = par(
-        0.4,
-        "s",
-        "who stands is expected to stand this much longer, more than the time between cycles",
-        gt=0,
-        le=5,
-    )
     offset_fade: float = par(
         20.0, "s", "time constant by which offsets from the lane's centre fade", gt=0
     )

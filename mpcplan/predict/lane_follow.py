@@ -105,8 +105,7 @@ class LaneFollow:
         waits = np.isfinite(stop)
         if waits.any():
             t = step * np.arange(len(movers.acceleration))[:, None]
-            free = (t >= release) & (t >= self._begins(scene, of))
-            goes = np.where(waits & free, usual, movers.acceleration)
+            goes = np.where(waits & (t >= release), usual, movers.acceleration)
             movers = replace(movers, stop=stop, release=release, acceleration=goes)
             s, v = drive(self._paths, movers, step)
         return refined(s, v, step)
@@ -143,27 +142,15 @@ class LaneFollow:
     ) -> Array:
         """(count, h) of who is not held back [m/s^2]: from the observed to the usual one.
 
-        Who stands for no visible reason stays, and who stands for one does for a while yet, but for
-        the ego vehicle, which is expected to go.
+        Who stands for no visible reason stays, but for the ego vehicle, which is expected to go.
         """
         of = found.vehicle
         usual = scene.drivers.usual[of]
         seen = np.where(of == scene.ego, usual, scene.motion.acceleration[of])
         t = STEPS * self._dt * np.arange(count)[:, None]
         later = usual + (seen - usual) * np.exp(-t / self._config.acceleration_fade)
-        begins = self._begins(scene, of)
-        stays = (begins > 0.0) & ~led | (t < begins)
+        stays = (v < SLOW) & (np.abs(seen) < STEADY) & ~led & (of != scene.ego)
         return np.where(stays, 0.0, np.minimum(later, scene.drivers.acceleration[of]))
-
-    def _begins(self, scene: Scene, of: Array) -> Array:
-        """(h,) time [s] before which nobody drives off: 0 but for the others who stand.
-
-        Who waits for a reason that we do not see is predicted to drive off in every cycle anew.
-        What is driven until the next cycle must not count on that.
-        """
-        stands = np.abs(scene.boxes[of, Box.V]) < SLOW
-        stands &= np.abs(scene.motion.acceleration[of]) < STEADY
-        return np.where(stands & (of != scene.ego), self._config.start_delay, 0.0)
 
     def _profiles(self, scene: Scene, found: Hypotheses, v: Array) -> Array:
         """(h,) which limits each hypothesis minds."""
