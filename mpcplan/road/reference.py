@@ -76,13 +76,9 @@ def reference_lanes(network: LaneletNetwork, route: Route) -> list[int]:
 
 
 def lasting_lanes(network: LaneletNetwork, route: Route) -> list[int]:
-    """The lane on which a route ends, as far back as it exists.
-
-    Unlike :func:`reference_lanes` also over several lane changes on one stretch of road, so that a
-    path along it jumps from lane to lane only where a lane begins.
-    """
-    here = route.lanelets[-1]
-    lanes = [here]
+    """The lane on which a route ends, as far back as it exists: unlike :func:`reference_lanes` it
+    jumps nowhere but where a lane begins."""
+    lanes = [here := route.lanelets[-1]]
     for previous in reversed(route.lanelets[:-1]):
         if here not in neighbours(network.find_lanelet_by_id(previous)):  # else: still abreast
             before = network.find_lanelet_by_id(lanes[0]).predecessor
