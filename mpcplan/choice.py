@@ -27,12 +27,31 @@ def choose(
     reasons = [f"{option.source}: {option.finding}" for option in refused] + cycle.notes
     if options:
         best = options[0]
+        trusting = _trusting(cycle, guard, best, refused)
+        if trusting is not None:
+            return trusting, _why("a plan that trusts who follows is driven to the goal", reasons)
         if best.source == KEPT and reasons:
             return best, _why("the last plan goes on", reasons)
         if best.source.endswith("unrefined"):
             return best, _why("the seed is driven", reasons or ["it could not be improved"])
         return best, None
     return _fall_back(cycle, guard, road, refused, reasons)
+
+
+def _trusting(cycle: Cycle, guard: Guard, best: Option, refused: list[Option]) -> Option | None:
+    """Where no plan that passes leads to the goal: the best refused one that is better and safe if
+    those who follow at the safe distance stay behind, as they have to."""
+    seen, forecast = cycle.observation, cycle.forecast
+    if forecast.exact or best.reaches_goal:
+        return None
+    for option in sorted(refused, key=lambda o: (not o.reaches_goal, o.cost)):
+        if option.cost >= best.cost and not option.reaches_goal:
+            break
+        assert option.seed is not None  # only emergency braking has none
+        plan, road = option.trajectory, option.seed.road
+        if guard.verify(plan, road, forecast, seen.step, trusting=True).ok:
+            return option
+    return None
 
 
 def _fall_back(

@@ -4,12 +4,17 @@ from mpcplan.config import Config
 
 
 def for_guesses(config: Config) -> Config:
-    """The configuration for others whose motion is a guess: the last moment may be too late, and
-    what counts on their motion far ahead (later lane changes, further routes, the jerk at the
-    drive's end) is not worth it."""
+    """The configuration for others whose motion is a guess: the last moment may be too late,
+    who drives ahead may brake at any time, and what counts on their motion far ahead (later lane
+    changes, further routes, the jerk at the drive's end, distances by then) is not worth it."""
     reserve = max(config.cost.reserve, config.predict.reserve)
     haste = max(config.cost.haste, config.predict.haste)
-    cost = config.cost.model_copy(update={"reserve": reserve, "haste": haste, "edges": False})
+    distance = max(config.cost.safe_distance, config.predict.safe_distance)
+    rules = min(config.cost.rules_horizon, config.predict.rules_horizon)
+    changed = {"reserve": reserve, "haste": haste, "edges": False}
+    delay = max(config.cost.rules_delay, config.drive.replan)  # what happens is seen so much later
+    changed |= {"safe_distance": distance, "rules_horizon": rules, "rules_delay": delay}
+    cost = config.cost.model_copy(update=changed)
     variants = min(config.road.variants, config.predict.variants)
     changes = {
         "cost": cost,

@@ -128,7 +128,7 @@ def test_where_motion_is_a_guess_there_are_fewer_routes_and_no_delays():
     assert guessed.config.road.variants == Config().predict.variants
 
 
-@pytest.mark.parametrize("name", ["reserve", "haste"])
+@pytest.mark.parametrize("name", ["reserve", "haste", "safe_distance"])
 def test_where_motion_is_a_guess_caution_costs_at_least_what_is_configured(name):
     loaded = bundled("LaneChange")
     task = task_of(loaded, loaded.problems[0])
@@ -137,6 +137,15 @@ def test_where_motion_is_a_guess_caution_costs_at_least_what_is_configured(name)
     for own, expected in ((0.0, least), (0.9, max(0.9, least))):
         config = configured(cost={name: own}, predict={"kind": "constant_input"})
         assert getattr(Planner(task, config).config.cost, name) == expected
+
+
+def test_where_motion_is_a_guess_the_distance_holds_until_the_next_cycle():
+    loaded = bundled("LaneChange")
+    task = task_of(loaded, loaded.problems[0])
+    known, guessed = Planner(task).config, Planner(task, BLIND).config
+    assert known.cost == Config().cost
+    assert guessed.cost.rules_delay == guessed.drive.replan > 0
+    assert guessed.cost.rules_horizon == guessed.predict.rules_horizon < known.cost.rules_horizon
 
 
 def test_plans_in_haste_that_fail_give_way_to_plans_that_take_their_time():
@@ -174,7 +183,8 @@ def test_where_a_plan_has_become_much_dearer_all_ways_are_looked_at_again(monkey
 
     monkeypatch.setattr(planner_module, "find_seeds", spied)
     loaded = bundled("Follow")
-    planner = Planner(task_of(loaded, loaded.problems[0]), BLIND)
+    bold = configured(predict={"kind": "constant_input", "safe_distance": 0.0})
+    planner = Planner(task_of(loaded, loaded.problems[0]), bold)
     seen = first_look(loaded)
     plan, asked = planner.plan(seen), []
     for step, nearer in ((3, 0.0), (6, 16.0), (9, 16.0)):  # the leader is where none was guessed
@@ -460,7 +470,7 @@ def blocked(folder: Path, kind: str) -> Plan:
 def test_the_goal_is_not_given_up_for_cars_that_stand_in_the_way_now(tmp_path):
     """They may drive on; until they do, every plan can be broken off before them."""
     plan = blocked(tmp_path, "car")
-    assert plan.reaches_goal and plan.finding.ok and plan.trace["fallback"] is None
+    assert plan.reaches_goal and plan.finding.ok and plan.source.startswith("hopeful")
     assert plan.trajectory.last_step > 30
 
 

@@ -466,6 +466,27 @@ def test_candidates_pay_for_what_they_lack():
     )
 
 
+@pytest.mark.parametrize(("horizon", "steps"), [(1.5, 15), (60.0, 40)])
+def test_what_is_asked_of_candidates_ends_with_the_horizon(horizon, steps):
+    road, around, states = following(3.0)
+    lanes = with_strips(road, two_lanes(30.0), Config())
+    cost = {"safe_distance": 2.0, "rules_horizon": horizon}
+    config = load_config(overrides=[f"cost.{name}={value}" for name, value in cost.items()])
+    whole = states_cost(lanes, states, 0, around, weighted(2.0), DT)
+    found = states_cost(lanes, states, 0, around, config, DT)
+    assert found == pytest.approx(whole * steps / 40)
+
+
+def test_plans_keep_the_safe_distance_of_a_vehicle_that_reacts_later():
+    road, around, states = following(3.0)
+    lanes = with_strips(road, two_lanes(30.0), Config())
+    cost = {"safe_distance": 2.0, "rules_delay": 0.3}
+    config = load_config(overrides=[f"cost.{name}={value}" for name, value in cost.items()])
+    more = states_cost(lanes, states, 0, around, config, DT)
+    more -= states_cost(lanes, states, 0, around, weighted(2.0), DT)
+    assert more == pytest.approx(DT * 40 * 2.0 * 0.3 * 15.0)
+
+
 def test_the_lattice_counts_the_same_and_prefers_who_keeps_the_rule():
     road, around, states = following(2.0)
     lanes = with_strips(road, two_lanes(), Config())
@@ -485,9 +506,12 @@ def test_the_lattice_counts_the_same_and_prefers_who_keeps_the_rule():
     assert careful.cost - alone >= 0.9 * lacks(careful)
 
 
-def test_every_candidate_of_the_lattice_pays_for_what_it_drives(monkeypatch):
+@pytest.mark.parametrize("horizon", [1.0, 60.0])
+def test_every_candidate_of_the_lattice_pays_for_what_it_drives(monkeypatch, horizon):
     road, around, states = following(2.0)
     lanes, config = with_strips(road, two_lanes(30.0), Config()), weighted(1.0, 0.5)
+    cost = config.cost.model_copy(update={"rules_horizon": horizon})
+    config = config.model_copy(update={"cost": cost})
     kept = []
 
     def recorded(*args):
@@ -503,7 +527,7 @@ def test_every_candidate_of_the_lattice_pays_for_what_it_drives(monkeypatch):
         for p, i in some.tolist()
     ]
     got = found[tuple(some.T)]
-    assert len(set(some[:, 0])) > 5 and np.ptp(expected) > 5.0
+    assert len(set(some[:, 0])) > 5 and np.ptp(expected) > min(5.0, horizon)
     np.testing.assert_allclose(
         got, expected, rtol=0.05, atol=0.3
     )  # samples of 0.25 m to either side

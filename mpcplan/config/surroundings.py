@@ -48,6 +48,17 @@ class CostConfig(Section):
     traffic_flow: float = par(
         0.0, "1/m", "weight of the speed by which the traffic is hindered (rule R_G4)", ge=0, le=1e3
     )
+    rules_horizon: float = par(
+        60.0, "s", "broken rules cost something as far ahead as this", ge=0.1, le=60
+    )
+    rules_delay: float = par(
+        0.0,
+        "s",
+        "plans keep the safe distance of a vehicle that reacts this much later; where the others' "
+        "motion is a guess, drive.replan at least",
+        ge=0,
+        le=5,
+    )
 
 
 class RoadConfig(Section):
@@ -94,6 +105,20 @@ class PredictConfig(Section):
     )
     haste: float = par(
         1.5, "1/s", "cost.haste is at least this where the others' motion is a guess", ge=0, le=100
+    )
+    safe_distance: float = par(
+        5.0,
+        "1/(m s)",
+        "cost.safe_distance is at least this where the others' motion is a guess",
+        ge=0,
+        le=1e3,
+    )
+    rules_horizon: float = par(
+        3.0,
+        "s",
+        "cost.rules_horizon is at most this where the others' motion is a guess",
+        ge=0.1,
+        le=60,
     )
     lane_horizon: float = par(8.0, "s", "length of lane_follow's prediction", ge=0.2, le=20)
     lane_history: int = par(

@@ -14,6 +14,7 @@ from mpcplan.predict.occupancy import Occupancy
 from mpcplan.road.strips import TURN_MAX
 from mpcplan.rules.predicates import safe_distance
 from mpcplan.seed.crossing import last_crossing
+from mpcplan.seed.rules import planned_reaction
 from mpcplan.seed.seed import Seed, Stage
 from mpcplan.trajectory import Array
 from mpcplan.vehicle import FORD_ESCORT as CAR
@@ -98,7 +99,7 @@ def _wanted(seed: Seed, window: Occupancy, rows: Array, ahead: Array, config: Co
         return wanted
     v, v_o = seed.states[:, Stage.V], np.maximum(np.nan_to_num(window.v[rows]), 0.0)
     braking = config.rules.braking_ego, config.rules.braking_others
-    safe = safe_distance(v, v_o, *braking, config.rules.reaction)
+    safe = safe_distance(v, v_o, *braking, planned_reaction(config))
     with np.errstate(invalid="ignore"):
         leads = (ahead > 0) & (np.cos(window.turn[rows]) > np.cos(TURN_MAX))
         leads &= np.abs(window.d[rows] - seed.states[:, Stage.D]) < IN_LANE

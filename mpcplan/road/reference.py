@@ -32,8 +32,9 @@ MIN_SAMPLES = 6  # the smoothing spline needs five
 
 
 def build_frame(
-    network: LaneletNetwork, route: Route, start: Array, reach: float, config: RoadConfig
-) -> Frame:
+    network: LaneletNetwork, route: Route, start: Array, reach: float, config: RoadConfig,
+    lanes: list[int] | None = None,
+) -> Frame:  # fmt: skip
     """Frenet frame along a route.
 
     Args:
@@ -42,11 +43,12 @@ def build_frame(
         start: (2,) position [m] from which ``reach`` counts.
         reach: length [m] of road needed ahead of the start.
         config: sampling and smoothing.
+        lanes: lanelets to lie on; None: :func:`reference_lanes`.
 
     Raises:
         RoadError: where the route's lanelets are too short to give a path.
     """
-    lanes = reference_lanes(network, route)
+    lanes = reference_lanes(network, route) if lanes is None else lanes
     line = join([network.find_lanelet_by_id(i) for i in lanes])
     line = continue_behind(network, lanes[0], line, start, config.behind)
     line = continue_ahead(network, lanes, line, start, reach + config.ahead)
@@ -71,6 +73,29 @@ def reference_lanes(network: LaneletNetwork, route: Route) -> list[int]:
         on_lane = sorted(set(head.predecessor) & beside)
         lanes.insert(0, on_lane[0] if on_lane else previous)
     return lanes
+
+
+def lasting_lanes(network: LaneletNetwork, route: Route) -> list[int]:
+    """The lane on which a route ends, as far back as it exists: unlike :func:`reference_lanes` it
+    jumps nowhere but where a lane begins."""
+    lanes = [here := route.lanelets[-1]]
+    for previous in reversed(route.lanelets[:-1]):
+        if here not in neighbours(network.find_lanelet_by_id(previous)):  # else: still abreast
+            before = network.find_lanelet_by_id(lanes[0]).predecessor
+            on_lane = sorted(set(before) & _abreast(network, previous))
+            lanes.insert(0, previous if previous in before or not on_lane else on_lane[0])
+        here = previous
+    return lanes
+
+
+def _abreast(network: LaneletNetwork, lanelet: int) -> set[int]:
+    """A lanelet and all that lie beside it and lead the same way."""
+    found, edge = {lanelet}, [lanelet]
+    while edge:
+        beside = set(neighbours(network.find_lanelet_by_id(edge.pop()))) - found
+        found |= beside
+        edge += sorted(beside)
+    return found
 
 
 def join(lanelets: list[Lanelet]) -> Array:

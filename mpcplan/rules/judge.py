@@ -14,7 +14,7 @@ from mpcplan.errors import RoadError
 from mpcplan.observation import Forecast
 from mpcplan.predict.occupancy import occupancy
 from mpcplan.road.frame import Frame
-from mpcplan.road.reference import build_frame
+from mpcplan.road.reference import build_frame, lasting_lanes
 from mpcplan.road.route import find_routes
 from mpcplan.road.strips import build_strips
 from mpcplan.rules.formulas import monitored
@@ -109,7 +109,8 @@ def _followed(
     best, least, reasons = None, np.inf, []
     for route in find_routes(network, problem, config.road.variants):
         try:
-            frame = build_frame(network, route, points[0], way + AHEAD, config.road)
+            lanes = lasting_lanes(network, route)
+            frame = build_frame(network, route, points[0], way + AHEAD, config.road, lanes)
         except RoadError as error:
             reasons.append(str(error))
             continue

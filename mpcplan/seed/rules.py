@@ -5,6 +5,11 @@
 with rho_1 the robustness of R_G1 [m] towards whoever is predicted to drive ahead and rho_4 that of
 R_G4 [m/s] (:mod:`mpcplan.rules`). Nothing is computed where both weights are 0: the road has no
 strips then. A cut-in is known from the forecast on, so that who cut in before now has no grace.
+
+The sum ends after ``cost.rules_horizon``: where the others' motion is a guess, distances to where
+they may be in ten seconds would cost more than a missed goal, and who stops keeps them best. There
+who drives ahead may also brake right after a plan was made, and it is seen in the next cycle only:
+plans keep the distance with a reaction that is longer by ``cost.rules_delay``.
 """
 
 import numpy as np
@@ -30,8 +35,9 @@ def states_cost(
     if road.strips is None:
         return 0.0
     columns = (Stage.S, Stage.D, Stage.MU, Stage.V)
-    ego = ego_bodies(*(states[None, :, column] for column in columns))
-    window = around.window(first_step, len(states))
+    count = _asked(len(states), config, dt)
+    ego = ego_bodies(*(states[None, :count, column] for column in columns))
+    window = around.window(first_step, count)
     return dt * float(_rates(road, ego, window, config, dt)[0, 1:].sum())
 
 
@@ -48,17 +54,29 @@ def candidates_cost(
     cost = np.zeros(accepted.shape)
     if road.strips is None:
         return cost
-    at = np.rint(profiles.sigma / paths.spacing).astype(np.int64)
+    count = _asked(profiles.sigma.shape[1], config, dt)
+    window = window.window(window.first_step, count)
+    at = np.rint(profiles.sigma[:, :count] / paths.spacing).astype(np.int64)
     at = np.clip(at, 0, paths.s.shape[1] - 1)
     steps = np.arange(1, at.shape[1])
     rows = np.argwhere(accepted)
     for chunk in np.split(rows, range(CHUNK, len(rows), CHUNK)):
         p, i = chunk.T
         s, d, mu = (values[p[:, None], at[i]] for values in (paths.s, paths.d, paths.mu))
-        rates = _rates(road, ego_bodies(s, d, mu, profiles.v[i]), window, config, dt)[:, 1:]
+        rates = _rates(road, ego_bodies(s, d, mu, profiles.v[i, :count]), window, config, dt)[:, 1:]
         alive = steps <= table.ks[table.k_end[p, i]][:, None]
         cost[p, i] = dt * np.where(alive, rates, 0.0).sum(axis=1)
     return cost
+
+
+def planned_reaction(config: Config) -> float:
+    """Time [s] delta after which the ego vehicle brakes in the safe distance that plans keep."""
+    return config.rules.reaction + config.cost.rules_delay
+
+
+def _asked(count: int, config: Config, dt: float) -> int:
+    """Of ``count`` states from the present one on, how many the rules are asked of."""
+    return min(count, round(config.cost.rules_horizon / dt) + 1)
 
 
 def _rates(road: Road, ego: Bodies, window: Occupancy, config: Config, dt: float) -> Array:
@@ -67,7 +85,8 @@ def _rates(road: Road, ego: Bodies, window: Occupancy, config: Config, dt: float
     held = window.held
     parked = np.zeros(len(window.ids), bool) if held is None else held
     others = other_bodies(window)
-    distance, flow = robustness(road.strips, ego, others, parked, config.rules, dt)
-    weights = config.cost
+    weights, reaction = config.cost, planned_reaction(config)
+    rules = config.rules.model_copy(update={"reaction": reaction})
+    distance, flow = robustness(road.strips, ego, others, parked, rules, dt)
     rates: Array = weights.safe_distance * np.maximum(-distance, 0.0)
     return rates + weights.traffic_flow * np.maximum(-flow, 0.0)

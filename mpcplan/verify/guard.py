@@ -7,16 +7,23 @@ tail, made anew in every cycle and hardly ever driven, may cut the road's edge a
 plan pass, one that can still be broken off safely after the next replanning interval may be driven
 that long; else one that trusts those who follow the vehicle at a safe distance when the tail begins
 to stay behind it; after that only braking is left.
+
+Who stands now may go on standing, whatever is guessed: who waits for a reason that is not seen is
+guessed to drive off in every cycle anew, and plans that count on it would creep into him. So a plan
+must also be safe from all who stand if it is broken off at the next cycle and they have not moved.
 """
 
+import numpy as np
+
 from mpcplan.config import Config
-from mpcplan.observation import Forecast
+from mpcplan.observation import Box, Forecast
 from mpcplan.road.road import Road
 from mpcplan.trajectory import Array, Trajectory
 from mpcplan.verify.behind import follows
-from mpcplan.verify.drivability import Finding, verify
+from mpcplan.verify.drivability import Finding, check_collision, verify
 from mpcplan.verify.failsafe import braking_along, braking_tail
 
+STANDS = 0.1  # m/s, slower stands
 # shares of the fail-safe deceleration that emergency braking tries
 SOFT_FIRST = (0.3, 0.6, 1.0, 1.35)  # where motion is a guess, which may well be too gloomy
 FIRM_FIRST = (1.0, 1.35, 0.6, 0.3)  # where it is known: to stop soon leaves most ways to go on
@@ -56,13 +63,28 @@ class Guard:
         """
         if forecast.exact:
             return verify(trajectory, forecast, road.area, self._config)
+        waiting = self._while_they_stand(trajectory, road, forecast, now)
+        if not waiting.ok:
+            return waiting
         return self._finding(trajectory, road, forecast, now + self.certain, trusting)
 
     def until_next(
         self, trajectory: Trajectory, road: Road, forecast: Forecast, now: int
     ) -> Finding:
         """The finding on driving a plan until the next cycle, and braking from there."""
+        waiting = self._while_they_stand(trajectory, road, forecast, now)
+        if not waiting.ok:
+            return waiting
         return self._finding(trajectory, road, forecast, now + self._interval, False)
+
+    def _while_they_stand(
+        self, trajectory: Trajectory, road: Road, forecast: Forecast, now: int
+    ) -> Finding:
+        """The collision of a plan, broken off at the next cycle, with who stands now and stays."""
+        step = now + self._interval
+        if step < trajectory.last_step:
+            trajectory = self.broken_off(trajectory, road, step)
+        return check_collision(trajectory, _standing(forecast, now), self._config.margin)
 
     def _finding(
         self, trajectory: Trajectory, road: Road, forecast: Forecast, step: int, trusting: bool
@@ -90,3 +112,12 @@ class Guard:
             checked.append((finding.step or 0, share, tail, finding))
         _, _, tail, finding = max(checked, key=lambda found: found[:2])
         return tail, finding
+
+
+def _standing(forecast: Forecast, now: int) -> Forecast:
+    """Those who stand at a time step, for ever."""
+    boxes = forecast.at(np.array([now]))
+    with np.errstate(invalid="ignore"):
+        rows = np.flatnonzero(np.abs(boxes[:, 0, Box.V]) < STANDS)  # NaN, not there, is none
+    ids = tuple(forecast.ids[row] for row in rows.tolist())
+    return Forecast(now, ids, boxes[rows], np.ones(len(rows), bool))
