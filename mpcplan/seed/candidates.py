@@ -10,10 +10,11 @@ from mpcplan.config import Config, SeedConfig
 from mpcplan.game.decide import Decision
 from mpcplan.predict.occupancy import Occupancy
 from mpcplan.road.road import Road
-from mpcplan.seed.blocked import Blocked, with_margins
+from mpcplan.seed.blocked import Blocked, block, with_margins
 from mpcplan.seed.foreign import foreign_seeds
 from mpcplan.seed.lattice import Lattice, differ, lattice
 from mpcplan.seed.level_k import level_k_seed
+from mpcplan.seed.manoeuvre import manoeuvres
 from mpcplan.seed.paths import Paths
 from mpcplan.seed.rules import seed_cost
 from mpcplan.seed.search import ACTUATOR_SHARE, as_seed, search
@@ -22,6 +23,7 @@ from mpcplan.trajectory import Array
 from mpcplan.vehicle import FORD_ESCORT as CAR
 
 SEARCHED_PATHS = 3
+MANOEUVRE = "manoeuvre"  # source of seeds along paths through narrow places
 COMFORTABLE = 3.0  # m/s^2, braking before what a path demands
 ROUNDING = 0.05  # m, on top of verification's margin: the search looks at samples of the path
 
@@ -80,9 +82,11 @@ def _searches(
     narrower margins, and along paths that lead around slow obstacles."""
     plain, passing = _paths_to_search(grid.paths, grid.motion.v, config.seed)
 
-    def searched(paths: list[int], blocked: Blocked, source: str) -> tuple[list[Seed], SeedReport]:
+    def searched(
+        wanted: list[int], blocked: Blocked, source: str, paths: Paths = grid.paths
+    ) -> tuple[list[Seed], SeedReport]:
         nonlocal reached
-        found, report = _searched(road, grid, blocked, paths, source, step, config, dt)
+        found, report = _searched(road, grid, paths, blocked, wanted, source, step, config, dt)
         reached = reached or any(seed.reaches_goal for seed in found)
         return found, report
 
@@ -92,6 +96,12 @@ def _searches(
         yield searched(plain, near, "tight search")
     if not reached and passing:
         yield searched(passing, grid.blocked, "search around")
+    if not reached and config.seed.manoeuvre and grid.motion.v <= config.seed.manoeuvre_speed:
+        reach = grid.paths.spacing * (grid.paths.s.shape[1] - 1)
+        found = manoeuvres(road, grid.pose, reach, grid.window, config)
+        if found is not None:
+            near = block(grid.window, found, _tight(config), config.cost)
+            yield searched(list(range(len(found.s))), near, MANOEUVRE, found)
 
 
 def _tight(config: Config) -> SeedConfig:
@@ -106,16 +116,16 @@ def _tight(config: Config) -> SeedConfig:
 
 
 def _searched(
-    road: Road, grid: Lattice, blocked: Blocked, wanted: list[int], source: str, step: int,
-    config: Config, dt: float,
+    road: Road, grid: Lattice, paths: Paths, blocked: Blocked, wanted: list[int], source: str,
+    step: int, config: Config, dt: float,
 ) -> tuple[list[Seed], SeedReport]:  # fmt: skip
     """Seeds of the speed search along a few paths."""
     seeds = []
     for path in wanted:
         v, a = grid.motion.v, grid.motion.a
-        found = search(road, grid.paths, blocked, path, v, a, step, config, dt)
+        found = search(road, paths, blocked, path, v, a, step, config, dt)
         if found is not None:
-            seeds.append(as_seed(road, grid.paths, path, a, found, source, step, dt))
+            seeds.append(as_seed(road, paths, path, a, found, source, step, dt))
     reaching = sum(seed.reaches_goal for seed in seeds)
     report = SeedReport(source, len(wanted), len(seeds), reaching)
     return _with_rules(seeds, grid, config, dt), report
