@@ -72,12 +72,19 @@ class SeedConfig(Section):
     manoeuvre_speed: float = par(
         5.0, "m/s", "present speed up to which manoeuvres are searched", ge=0, le=20
     )
+    manoeuvre_wait: float = par(
+        1000.0,
+        "s",
+        "manoeuvres are searched as well where the best way to the goal nearly stands for longer",
+        ge=0,
+        le=1000,
+    )
     manoeuvre_length: float = par(28.0, "m", "length of a manoeuvre", ge=2, le=100)
     manoeuvre_rate: float = par(
         0.2, "rad/m", "steering rate of a manoeuvre, over the way", gt=0, le=2
     )
     manoeuvre_gap: float = par(0.25, "m", "gap to the others in a manoeuvre", ge=0, le=2)
-    manoeuvre_labels: int = par(800, "1", "states kept per metre of a manoeuvre", ge=10, le=100000)
+    manoeuvre_labels: int = par(300, "1", "states kept per metre of a manoeuvre", ge=10, le=100000)
     sources: tuple[ClassName, ...] = par(
         (), "", "further sources of seeds, beside the lattice and the search"
     )

@@ -18,13 +18,14 @@ from mpcplan.seed.manoeuvre import manoeuvres
 from mpcplan.seed.paths import Paths
 from mpcplan.seed.rules import seed_cost
 from mpcplan.seed.search import ACTUATOR_SHARE, as_seed, search
-from mpcplan.seed.seed import Seed, SeedReport
+from mpcplan.seed.seed import Seed, SeedReport, Stage
 from mpcplan.trajectory import Array
 from mpcplan.vehicle import FORD_ESCORT as CAR
 
 SEARCHED_PATHS = 3
 MANOEUVRE = "manoeuvre"  # source of seeds along paths through narrow places
 COMFORTABLE = 3.0  # m/s^2, braking before what a path demands
+WAITING = 1.0  # m/s, who is slower nearly stands
 ROUNDING = 0.05  # m, on top of verification's margin: the search looks at samples of the path
 
 
@@ -81,12 +82,14 @@ def _searches(
     """What the speed search finds: along plain paths, and as long as nothing reaches the goal with
     narrower margins, and along paths that lead around slow obstacles."""
     plain, passing = _paths_to_search(grid.paths, grid.motion.v, config.seed)
+    known = list(grid.seeds)
 
     def searched(
         wanted: list[int], blocked: Blocked, source: str, paths: Paths = grid.paths
     ) -> tuple[list[Seed], SeedReport]:
         nonlocal reached
         found, report = _searched(road, grid, paths, blocked, wanted, source, step, config, dt)
+        known.extend(found)
         reached = reached or any(seed.reaches_goal for seed in found)
         return found, report
 
@@ -96,12 +99,20 @@ def _searches(
         yield searched(plain, near, "tight search")
     if not reached and passing:
         yield searched(passing, grid.blocked, "search around")
-    if not reached and config.seed.manoeuvre and grid.motion.v <= config.seed.manoeuvre_speed:
+    waits = not reached or _waits(known, config.seed, dt)
+    if waits and config.seed.manoeuvre and grid.motion.v <= config.seed.manoeuvre_speed:
         reach = grid.paths.spacing * (grid.paths.s.shape[1] - 1)
         found = manoeuvres(road, grid.pose, reach, grid.window, config)
         if found is not None:
             near = block(grid.window, found, _tight(config), config.cost)
             yield searched(list(range(len(found.s))), near, MANOEUVRE, found)
+
+
+def _waits(seeds: list[Seed], config: SeedConfig, dt: float) -> bool:
+    """Whether the cheapest seed to the goal nearly stands on its way, for too long."""
+    best = min((seed for seed in seeds if seed.reaches_goal), key=lambda seed: seed.cost)
+    slow = best.states[:, Stage.V] < WAITING
+    return bool(slow.sum() * dt > config.manoeuvre_wait)
 
 
 def _tight(config: Config) -> SeedConfig:

@@ -39,7 +39,8 @@ def standing(window: Occupancy) -> Boxes:
     """Where the others stand, or will come to stand for a while."""
     with np.errstate(invalid="ignore"):
         still = np.abs(window.v) < STANDING
-    stays = still[:, : max(still.shape[1] - WHILE, 0)] & still[:, WHILE:]
+    last = max(still.shape[1] - WHILE, 1)  # near the end of time who stands now stays
+    stays = still[:, :last] & still[:, -last:]
     rows = np.flatnonzero(stays.any(axis=1))
     return _boxes(window, rows, stays[rows].argmax(axis=1))
 

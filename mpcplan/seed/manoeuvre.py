@@ -29,8 +29,10 @@ from mpcplan.vehicle import FORD_ESCORT as CAR
 SPEED = 2.0  # m/s, at which manoeuvres are driven about, which weighs ways against each other
 PIECE = 1.0  # m, of one steering rate
 CELL = (1.0, 0.4, 0.15, 0.2)  # m, m, rad, rad: labels this close in s, d, mu, delta share a cell
+FASTER = 3.0  # times the usual steering rate, for what is tighter: slower
 PROGRESS = 5.0  # 1/s, cost of time
 END_OFFSET, END_TURN = 2.0, 10.0  # 1/m^2, 1/rad^2: cost of leaving the reference where it ends
+ASTRAY = 2.0  # m, from the reference: a path that ends further off leads elsewhere
 TURN_MAX = 1.4  # rad, to the reference
 STEERING_SHARE = 0.97  # of the largest steering angle that manoeuvres use
 RETURN = 4.0  # m, over which the feedback returns to the reference
@@ -71,8 +73,8 @@ def manoeuvres(
     Returns:
         The paths that differ; None where there is none.
     """
-    found = []
-    for boxes in (swept(window), standing(window)):
+    found: list[Array] = []
+    for boxes in (standing(window), swept(window)):
         free = _Free(road, boxes.grown(config.seed.manoeuvre_gap), pose)
         rates = _best_rates(road, pose, free, config)
         if rates is not None and not any(np.array_equal(rates, other) for other in found):
@@ -138,15 +140,18 @@ def _best_rates(road: Road, pose: FrenetPose, free: _Free, config: Config) -> Ar
     """(m,) steering rates [rad/m] of the pieces of the best path; None where there is none."""
     start = (pose.s, pose.d, pose.mu, pose.delta, 0.0, 0.0, -1)
     layers = [Labels(*(np.array([value]) for value in start))]
+    far = min((goal.s[0] for goal in road.goals if goal.s is not None), default=np.inf)
     for _ in range(round(config.seed.manoeuvre_length / PIECE)):
+        if layers[-1].s.max() > far:
+            break
         grown = _grow(road, layers[-1], free, config)
         if grown is None:
-            break
+            return None
         layers.append(grown)
-    if len(layers) == 1:
-        return None
     last = layers[-1]
     at = int(np.argmin(last.cost + END_OFFSET * last.d**2 + END_TURN * last.mu**2))
+    if abs(last.d[at]) > ASTRAY:
+        return None
     rates = []
     for labels in layers[:0:-1]:
         rates.append(float(labels.rate[at]))
@@ -156,8 +161,8 @@ def _best_rates(road: Road, pose: FrenetPose, free: _Free, config: Config) -> Ar
 
 def _grow(road: Road, labels: Labels, free: _Free, config: Config) -> Labels | None:
     """The successors of a layer that are free, the cheapest of every cell; None: there is none."""
-    most, spacing = config.seed.manoeuvre_rate, road.frame.spacing
-    rates = np.array([-most, 0.0, most])
+    usual, spacing = config.seed.manoeuvre_rate, road.frame.spacing
+    rates = usual * np.array([-FASTER, -1.0, 0.0, 1.0, FASTER])
     parent = np.repeat(np.arange(len(labels.s)), len(rates))
     rate = np.tile(rates, len(labels.s))
     grown = labels.pick(parent)
@@ -171,10 +176,10 @@ def _grow(road: Road, labels: Labels, free: _Free, config: Config) -> Labels | N
         grown = grown.pick(np.flatnonzero(free.of_boxes(grown)))
     if not len(grown.s):
         return None
-    cost = config.cost.steering_rate * (grown.rate * SPEED) ** 2 + config.cost.lane * grown.d**2
-    cost = grown.cost + cost * PIECE / SPEED
-    progress = grown.s - labels.s[grown.parent]
-    cost = cost - PROGRESS * (progress - PIECE) / SPEED
+    speed = np.minimum(SPEED, CAR.v_delta_max / np.maximum(np.abs(grown.rate), usual))
+    rated = config.cost.steering_rate * (grown.rate * speed) ** 2 + config.cost.lane * grown.d**2
+    cost = grown.cost + (rated + PROGRESS) * PIECE / speed
+    cost = cost - PROGRESS * (grown.s - labels.s[grown.parent]) / SPEED
     grown = Labels(grown.s, grown.d, grown.mu, grown.delta, cost, grown.rate, grown.parent)
     kept = _cheapest(grown, config.seed.manoeuvre_labels)
     kept = kept.pick(np.flatnonzero(free.of_road(kept)))
