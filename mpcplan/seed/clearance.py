@@ -16,7 +16,6 @@ from mpcplan.vehicle import rectangles
 
 STANDING = 0.5  # m/s, who is slower stands,
 WHILE = 15  # time steps, and is in the way if it does so for at least as long
-THINNED = 4  # time steps between the boxes of who moves
 BODY_RADIUS = float(np.hypot(CAR.length, CAR.width)) / 2  # m
 
 
@@ -43,13 +42,6 @@ def standing(window: Occupancy) -> Boxes:
     stays = still[:, :last] & still[:, -last:]
     rows = np.flatnonzero(stays.any(axis=1))
     return _boxes(window, rows, stays[rows].argmax(axis=1))
-
-
-def swept(window: Occupancy) -> Boxes:
-    """Where the others are at any time that is looked at."""
-    there = np.isfinite(window.x[:, ::THINNED])
-    rows, columns = np.nonzero(there)
-    return _boxes(window, rows, columns * THINNED)
 
 
 def _boxes(window: Occupancy, rows: Array, columns: Array) -> Boxes:

@@ -21,7 +21,7 @@ from mpcplan.config import Config
 from mpcplan.predict.occupancy import Occupancy
 from mpcplan.road.frame import Frame
 from mpcplan.road.road import Road
-from mpcplan.seed.clearance import Boxes, on_road, standing, swept, touches
+from mpcplan.seed.clearance import Boxes, on_road, standing, touches
 from mpcplan.seed.paths import FrenetPose, Paths
 from mpcplan.trajectory import Array
 from mpcplan.vehicle import FORD_ESCORT as CAR
@@ -73,24 +73,21 @@ def manoeuvres(
     Returns:
         The paths that differ; None where there is none.
     """
-    found: list[Array] = []
-    for boxes in (standing(window), swept(window)):
-        free = _Free(road, boxes.grown(config.seed.manoeuvre_gap), pose)
-        rates = _best_rates(road, pose, free, config)
-        if rates is not None and not any(np.array_equal(rates, other) for other in found):
-            found.append(rates)
-    if not found:
+    free = _Free(road, pose, window, config.seed.manoeuvre_gap)
+    rates = _best_rates(road, pose, free, config)
+    if rates is None:
         return None
-    return _as_paths(road, pose, found, reach, config.seed.manoeuvre_rate)
+    return _as_paths(road, pose, [rates], reach, config.seed.manoeuvre_rate)
 
 
 class _Free:
     """Which poses are free; what is too close already at first does not count."""
 
-    def __init__(self, road: Road, boxes: Boxes, pose: FrenetPose) -> None:
+    def __init__(self, road: Road, pose: FrenetPose, window: Occupancy, gap: float) -> None:
         self._road = road
         here = Labels(*(np.array([v]) for v in (pose.s, pose.d, pose.mu, pose.delta, 0, 0, -1)))
         plane = self._plane(here)
+        boxes = standing(window).grown(gap)
         apart = [not touches(*plane, _one(boxes, i))[0] for i in range(len(boxes.x))]
         self._boxes = _one(boxes, np.flatnonzero(apart))
         self._spare = SPARE if on_road(*plane, road.area, SPARE)[0] else 0.0
