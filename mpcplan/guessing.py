@@ -11,13 +11,10 @@ def for_guesses(config: Config) -> Config:
     haste = max(config.cost.haste, config.predict.haste)
     cost = config.cost.model_copy(update={"reserve": reserve, "haste": haste, "edges": False})
     variants = min(config.road.variants, config.predict.variants)
-    wait = min(config.seed.manoeuvre_wait, config.predict.manoeuvre_wait)
     changes = {
         "cost": cost,
         "road": config.road.model_copy(update={"variants": variants}),
-        "seed": config.seed.model_copy(
-            update={"delays": (), "shortest": False, "manoeuvre_wait": wait}
-        ),
+        "seed": config.seed.model_copy(update={"delays": (), "shortest": False}),
     }
     return config.model_copy(update=changes)
 

@@ -67,17 +67,10 @@ class SeedConfig(Section):
     )
     search_labels: int = par(1500, "1", "states kept per move of the search", ge=10, le=100000)
     manoeuvre: bool = par(
-        True, "", "where nothing leads to the goal at low speed, search narrow ways around the others"
+        True, "", "at low speed, search a narrow way around the others where nothing else leads on"
     )
     manoeuvre_speed: float = par(
         5.0, "m/s", "present speed up to which manoeuvres are searched", ge=0, le=20
-    )
-    manoeuvre_wait: float = par(
-        1000.0,
-        "s",
-        "manoeuvres are searched as well where the best way to the goal nearly stands for longer",
-        ge=0,
-        le=1000,
     )
     manoeuvre_length: float = par(28.0, "m", "length of a manoeuvre", ge=2, le=100)
     manoeuvre_rate: float = par(

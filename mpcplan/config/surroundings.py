@@ -95,13 +95,6 @@ class PredictConfig(Section):
     haste: float = par(
         1.5, "1/s", "cost.haste is at least this where the others' motion is a guess", ge=0, le=100
     )
-    manoeuvre_wait: float = par(
-        1.0,
-        "s",
-        "seed.manoeuvre_wait is at most this where the others' motion is a guess",
-        ge=0,
-        le=1000,
-    )
     lane_horizon: float = par(8.0, "s", "length of lane_follow's prediction", ge=0.2, le=20)
     lane_history: int = par(
         3, "1", "past boxes from which lane_follow fits acceleration and drift", ge=2, le=50

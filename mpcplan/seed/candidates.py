@@ -14,18 +14,17 @@ from mpcplan.seed.blocked import Blocked, block, with_margins
 from mpcplan.seed.foreign import foreign_seeds
 from mpcplan.seed.lattice import Lattice, differ, lattice
 from mpcplan.seed.level_k import level_k_seed
-from mpcplan.seed.manoeuvre import manoeuvres
+from mpcplan.seed.manoeuvre import manoeuvre
 from mpcplan.seed.paths import Paths
 from mpcplan.seed.rules import seed_cost
 from mpcplan.seed.search import ACTUATOR_SHARE, as_seed, search
-from mpcplan.seed.seed import Seed, SeedReport, Stage
+from mpcplan.seed.seed import Seed, SeedReport
 from mpcplan.trajectory import Array
 from mpcplan.vehicle import FORD_ESCORT as CAR
 
 SEARCHED_PATHS = 3
 MANOEUVRE = "manoeuvre"  # source of seeds along paths through narrow places
 COMFORTABLE = 3.0  # m/s^2, braking before what a path demands
-WAITING = 1.0  # m/s, who is slower nearly stands
 ROUNDING = 0.05  # m, on top of verification's margin: the search looks at samples of the path
 
 
@@ -80,16 +79,15 @@ def _searches(
     road: Road, grid: Lattice, step: int, config: Config, dt: float, effort: Effort, reached: bool
 ) -> Iterator[tuple[list[Seed], SeedReport]]:
     """What the speed search finds: along plain paths, and as long as nothing reaches the goal with
-    narrower margins, and along paths that lead around slow obstacles."""
+    narrower margins, along paths that lead around slow obstacles, and at low speed along one that
+    is made for narrow places."""
     plain, passing = _paths_to_search(grid.paths, grid.motion.v, config.seed)
-    known = list(grid.seeds)
 
     def searched(
         wanted: list[int], blocked: Blocked, source: str, paths: Paths = grid.paths
     ) -> tuple[list[Seed], SeedReport]:
         nonlocal reached
         found, report = _searched(road, grid, paths, blocked, wanted, source, step, config, dt)
-        known.extend(found)
         reached = reached or any(seed.reaches_goal for seed in found)
         return found, report
 
@@ -99,20 +97,11 @@ def _searches(
         yield searched(plain, near, "tight search")
     if not reached and passing:
         yield searched(passing, grid.blocked, "search around")
-    waits = not reached or _waits(known, config.seed, dt)
-    if waits and config.seed.manoeuvre and grid.motion.v <= config.seed.manoeuvre_speed:
-        reach = grid.paths.spacing * (grid.paths.s.shape[1] - 1)
-        found = manoeuvres(road, grid.pose, reach, grid.window, config)
+    if not reached and config.seed.manoeuvre and grid.motion.v <= config.seed.manoeuvre_speed:
+        found = manoeuvre(road, grid.pose, grid.paths.s.shape[1], grid.window, config)
         if found is not None:
             near = block(grid.window, found, _tight(config), config.cost)
-            yield searched(list(range(len(found.s))), near, MANOEUVRE, found)
-
-
-def _waits(seeds: list[Seed], config: SeedConfig, dt: float) -> bool:
-    """Whether the cheapest seed to the goal nearly stands on its way, for too long."""
-    best = min((seed for seed in seeds if seed.reaches_goal), key=lambda seed: seed.cost)
-    slow = best.states[:, Stage.V] < WAITING
-    return bool(slow.sum() * dt > config.manoeuvre_wait)
+            yield searched([0], near, MANOEUVRE, found)
 
 
 def _tight(config: Config) -> SeedConfig:
