@@ -58,8 +58,7 @@ class Clearance:
 
     def of_boxes(self, poses: Poses) -> Array:
         """(n,) whether no box is touched."""
-        free: Array = ~overlaps(poses, self._boxes).any(axis=1)
-        return free
+        return np.asarray(~overlaps(poses, self._boxes).any(axis=1))
 
     def of_edges(self, poses: Poses) -> Array:
         """(n,) whether the body is on the road."""
