@@ -10,11 +10,10 @@ from mpcplan.config import Config, SeedConfig
 from mpcplan.game.decide import Decision
 from mpcplan.predict.occupancy import Occupancy
 from mpcplan.road.road import Road
-from mpcplan.seed.blocked import Blocked, block, with_margins
+from mpcplan.seed.blocked import Blocked, with_margins
 from mpcplan.seed.foreign import foreign_seeds
 from mpcplan.seed.lattice import Lattice, differ, lattice
 from mpcplan.seed.level_k import level_k_seed
-from mpcplan.seed.manoeuvre import manoeuvre
 from mpcplan.seed.paths import Paths
 from mpcplan.seed.rules import seed_cost
 from mpcplan.seed.search import ACTUATOR_SHARE, as_seed, search
@@ -23,7 +22,6 @@ from mpcplan.trajectory import Array
 from mpcplan.vehicle import FORD_ESCORT as CAR
 
 SEARCHED_PATHS = 3
-MANOEUVRE = "manoeuvre"  # source of seeds along paths through narrow places
 COMFORTABLE = 3.0  # m/s^2, braking before what a path demands
 ROUNDING = 0.05  # m, on top of verification's margin: the search looks at samples of the path
 
@@ -79,32 +77,24 @@ def _searches(
     road: Road, grid: Lattice, step: int, config: Config, dt: float, effort: Effort, reached: bool
 ) -> Iterator[tuple[list[Seed], SeedReport]]:
     """What the speed search finds: along plain paths, and as long as nothing reaches the goal with
-    narrower margins, along paths that lead around slow obstacles, and at low speed along one that
-    is made for narrow places."""
+    narrower margins, and along paths that lead around slow obstacles."""
     plain, passing = _paths_to_search(grid.paths, grid.motion.v, config.seed)
 
-    def searched(
-        wanted: list[int], blocked: Blocked, source: str, paths: Paths = grid.paths
-    ) -> tuple[list[Seed], SeedReport]:
+    def searched(paths: list[int], blocked: Blocked, source: str) -> tuple[list[Seed], SeedReport]:
         nonlocal reached
-        found, report = _searched(road, grid, paths, blocked, wanted, source, step, config, dt)
+        found, report = _searched(road, grid, blocked, paths, source, step, config, dt)
         reached = reached or any(seed.reaches_goal for seed in found)
         return found, report
 
     yield searched(plain, grid.blocked, "search")
     if not reached and effort is not Effort.PLAIN:
-        near = with_margins(grid.blocked, grid.window, grid.paths, _tight(config))
+        near = with_margins(grid.blocked, grid.window, grid.paths, tight(config))
         yield searched(plain, near, "tight search")
     if not reached and passing:
         yield searched(passing, grid.blocked, "search around")
-    if not reached and config.seed.manoeuvre and grid.motion.v <= config.seed.manoeuvre_speed:
-        found = manoeuvre(road, grid.pose, grid.paths.s.shape[1], grid.window, config)
-        if found is not None:
-            near = block(grid.window, found, _tight(config), config.cost)
-            yield searched([0], near, MANOEUVRE, found)
 
 
-def _tight(config: Config) -> SeedConfig:
+def tight(config: Config) -> SeedConfig:
     """The seeds' margins reduced to what verification asks for."""
     margin = config.verify.margin + ROUNDING
     return config.seed.model_copy(
@@ -116,16 +106,16 @@ def _tight(config: Config) -> SeedConfig:
 
 
 def _searched(
-    road: Road, grid: Lattice, paths: Paths, blocked: Blocked, wanted: list[int], source: str,
-    step: int, config: Config, dt: float,
+    road: Road, grid: Lattice, blocked: Blocked, wanted: list[int], source: str, step: int,
+    config: Config, dt: float,
 ) -> tuple[list[Seed], SeedReport]:  # fmt: skip
     """Seeds of the speed search along a few paths."""
     seeds = []
     for path in wanted:
         v, a = grid.motion.v, grid.motion.a
-        found = search(road, paths, blocked, path, v, a, step, config, dt)
+        found = search(road, grid.paths, blocked, path, v, a, step, config, dt)
         if found is not None:
-            seeds.append(as_seed(road, paths, path, a, found, source, step, dt))
+            seeds.append(as_seed(road, grid.paths, path, a, found, source, step, dt))
     reaching = sum(seed.reaches_goal for seed in seeds)
     report = SeedReport(source, len(wanted), len(seeds), reaching)
     return _with_rules(seeds, grid, config, dt), report

@@ -20,12 +20,20 @@ import numpy as np
 from mpcplan.config import Config
 from mpcplan.predict.occupancy import Occupancy
 from mpcplan.road.road import Road
+from mpcplan.seed.blocked import block
+from mpcplan.seed.candidates import tight
 from mpcplan.seed.clearance import Clearance, on_road, standing
-from mpcplan.seed.paths import FrenetPose, Paths
+from mpcplan.seed.lattice import reach_of
+from mpcplan.seed.paths import FrenetPose, Paths, frenet_pose
+from mpcplan.seed.profiles import Motion
+from mpcplan.seed.rules import seed_cost
+from mpcplan.seed.search import as_seed, search
+from mpcplan.seed.seed import Seed, SeedReport
 from mpcplan.seed.steered import MIN_STRETCH, Labels, advance, returning, start
-from mpcplan.trajectory import Array
+from mpcplan.trajectory import Array, State
 from mpcplan.vehicle import FORD_ESCORT as CAR
 
+MANOEUVRE = "manoeuvre"  # source of these seeds
 PIECE = 1.0  # m, of one steering rate
 FASTER = 3.0  # times the usual steering rate, which asks for a lower speed
 CELL = (1.0, 0.4, 0.15, 0.2)  # m, m, rad, rad: labels this close in s, d, mu, delta share a cell
@@ -34,6 +42,37 @@ TIME = 5.0  # 1/s, its cost
 END_OFFSET, END_TURN = 2.0, 10.0  # 1/m^2, 1/rad^2: cost of not being on the reference at last
 ASTRAY = 2.0  # m, from the reference: a path that ends further off leads elsewhere
 TURN_MAX = 1.4  # rad, to the reference
+
+
+def manoeuvre_seeds(
+    road: Road, state: Array, acceleration: float, step: int, occupancy: Occupancy,
+    config: Config, dt: float,
+) -> tuple[list[Seed], SeedReport]:  # fmt: skip
+    """The best speed profile along a manoeuvre, where there is one, and the report.
+
+    Args:
+        road: the road.
+        state: (5,) rear-axle state.
+        acceleration: acceleration of the step before [m/s^2].
+        step: present time step.
+        occupancy: obstacles along the road.
+        config: the configuration.
+        dt: time step [s].
+    """
+    pose, motion = frenet_pose(road, state), Motion(max(float(state[State.V]), 0.0), acceleration)
+    steps = max(road.last_step - step, 1)
+    count = round(reach_of(road, pose, motion, steps * dt) / road.frame.spacing) + 1
+    window = occupancy.window(step, steps + 1)
+    path = manoeuvre(road, pose, count, window, config)
+    if path is None:
+        return [], SeedReport(MANOEUVRE, 0, 0, 0)
+    blocked = block(window, path, tight(config), config.cost)
+    found = search(road, path, blocked, 0, motion.v, motion.a, step, config, dt)
+    if found is None:
+        return [], SeedReport(MANOEUVRE, 1, 0, 0)
+    seed = as_seed(road, path, 0, motion.a, found, MANOEUVRE, step, dt)
+    seed = replace(seed, cost=seed.cost + seed_cost(seed, window, config, dt))
+    return [seed], SeedReport(MANOEUVRE, 1, 1, int(seed.reaches_goal))
 
 
 def manoeuvre(
