@@ -1,6 +1,7 @@
 """Manoeuvres: steered labels against the vehicle's model, clearance, and narrow places."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -19,22 +20,25 @@ from reference_ocp import (
 )
 
 from mpcplan.config import Config
-from mpcplan.observation import Box
+from mpcplan.observation import Box, Observation, Snapshot
+from mpcplan.planner import Planner
 from mpcplan.predict.occupancy import Occupancy
 from mpcplan.road.goal import GoalWindow
 from mpcplan.road.road import Road
-from mpcplan.seed.candidates import MANOEUVRE, Effort, find_seeds
-from mpcplan.seed.clearance import Boxes, Clearance, on_road, overlaps, standing
-from mpcplan.seed.manoeuvre import FASTER, manoeuvre
+from mpcplan.scenario import load
+from mpcplan.seed.candidates import Effort, find_seeds
+from mpcplan.seed.clearance import Boxes, Clearance, kept_standing, on_road, overlaps, standing
+from mpcplan.seed.manoeuvre import FASTER, MANOEUVRE, manoeuvre, manoeuvre_seeds
 from mpcplan.seed.paths import FrenetPose, frenet_pose
-from mpcplan.seed.seed import Seed, SeedReport
 from mpcplan.seed.steered import advance, returning, start
 from mpcplan.seed.track import track
+from mpcplan.task import task_of
 from mpcplan.trajectory import Array, State
 from mpcplan.vehicle import FORD_ESCORT as CAR
 from mpcplan.vehicle import input_violations, simulate
 from mpcplan.verify.drivability import separation
 
+FOLDER = Path(__file__).resolve().parents[1] / "scenarios"
 BEND = 20.0  # m, where the bend begins
 RADIUS = 8.0  # m
 QUARTER = RADIUS * np.pi / 2 + 4.0  # m, of the bend, in and out of it
@@ -51,13 +55,6 @@ def junction(left: float = 5.0) -> Road:
     """A left turn with room on its inside, and a goal behind it."""
     goal = GoalWindow(0, STEPS, (BEND + QUARTER + 4.0, 60.0), (-1.75, 1.75), None, None)
     return road_of(frame_of(bend, 70.0), goal, left=left)
-
-
-def seeds_of(road: Road, state: Array, window: Occupancy, config: Config | None = None) -> tuple[
-    list[Seed], list[SeedReport]
-]:  # fmt: skip
-    """All seeds where nothing is planned yet."""
-    return find_seeds(road, state, 0.0, 0, window, config or Config(), DT, Effort.ALWAYS)
 
 
 # -- steered labels -------------------------------------------------------------------------------
@@ -132,6 +129,17 @@ def test_who_stands_for_a_while_is_where_it_stands_then():
     assert len(standing(window.window(0, 3)).x) == 1  # the end of time is near
 
 
+def test_who_stands_at_present_may_be_taken_to_go_on_standing():
+    frame = frame_of(straight, 100.0)
+    window = occupancy_of(frame, 60, Track(30.0, 0.0, 0.0), Track(50.0, 0.0, 9.0))
+    window.v[0, 5:], window.x[0, 5:] = 3.0, 31.0  # the first one sets off soon
+    kept = kept_standing(window)
+    assert (kept.v[0] == 0.0).all()
+    assert kept.x[0] == pytest.approx(30.0)
+    assert np.array_equal(kept.x[1], window.x[1])
+    assert window.x[0, 10] == 31.0  # the given ones are left alone
+
+
 def test_gaps_that_are_short_already_may_stay_so():
     area = shapely.box(-20.0, -10.0, 20.0, 10.0)
     beside = Boxes(*(np.array([value]) for value in (1.5, 1.9, 0.0, 4.5, 1.8)))
@@ -164,34 +172,45 @@ def nose() -> Occupancy:
 def test_only_a_manoeuvre_leads_past_who_stands_across_the_bend(nose):
     road = junction()
     state = state_at(road.frame, BEND - 1.0, v=0.5)
-    without = Config.model_validate({"seed": {"manoeuvre": False}})
-    assert not any(seed.reaches_goal for seed in seeds_of(road, state, nose, without)[0])
-    seeds, reports = seeds_of(road, state, nose)
-    assert seeds[0].reaches_goal
-    assert seeds[0].source == MANOEUVRE
-    assert reports[-1].reaching_goal == 1
-    driven = track(seeds[0], state, DT)
-    assert (
-        separation(driven.states, forecast_of(road.frame, STEPS, NOSE).at(driven.steps)).min() > 0
-    )
+    others, _ = find_seeds(road, state, 0.0, 0, nose, Config(), DT, Effort.ALWAYS)
+    assert not any(seed.reaches_goal for seed in others)
+    (seed,), report = manoeuvre_seeds(road, state, 0.0, 0, nose, Config(), DT)
+    assert seed.reaches_goal
+    assert seed.source == report.source == MANOEUVRE
+    assert (report.candidates, report.accepted, report.reaching_goal) == (1, 1, 1)
+    driven = track(seed, state, DT)
+    boxes = forecast_of(road.frame, STEPS, NOSE).at(driven.steps)
+    assert separation(driven.states, boxes).min() > 0
     poses = driven.states[:, State.X], driven.states[:, State.Y], driven.states[:, State.PSI]
     assert on_road(poses, road.area, 0.0).all()
     assert max(excess.max() for excess in input_violations(driven).values()) < 1e-9
 
 
-def test_manoeuvres_are_for_low_speed_where_nothing_else_leads_on(nose):
-    road = junction()
-
-    def tried(v: float, window: Occupancy) -> bool:
-        state = state_at(road.frame, BEND - 15.0, v=v)
-        return MANOEUVRE in {report.source for report in seeds_of(road, state, window)[1]}
-
-    free = occupancy_of(road.frame, STEPS, Track(BEND - 10.0, 20.0, 0.0))
-    assert not tried(2.0, free)
-    most = Config().seed.manoeuvre_speed
-    blocked = occupancy_of(road.frame, STEPS, replace(NOSE, d=0.0, turn=1.0))
-    assert tried(most - 0.1, blocked)
-    assert not tried(most + 0.1, blocked)
+@pytest.mark.parametrize(
+    ("v", "wall", "enabled", "sought"),
+    [(2.0, 10.0, True, True), (8.0, 10.0, True, False), (2.0, 10.0, False, False),
+     (2.0, None, True, False)],
+)  # fmt: skip
+def test_a_manoeuvre_is_sought_at_low_speed_where_nothing_leads_to_the_goal(
+    v, wall, enabled, sought
+):
+    loaded = load(FOLDER / "ZAM_FreeRoad-1_1_T-1.xml")
+    config = Config.model_validate(
+        {"predict": {"kind": "constant_input"}, "seed": {"manoeuvre": enabled}}
+    )
+    problem = loaded.problems[0]
+    state = problem.start.copy()
+    state[State.V] = v
+    boxes = np.zeros((0, len(Box)))
+    if wall is not None:
+        heading = np.array([np.cos(state[State.PSI]), np.sin(state[State.PSI])])
+        x, y = state[[State.X, State.Y]] + wall * heading
+        boxes = np.array([[x, y, state[State.PSI], 0.0, 2.0, 60.0]])
+    seen = Observation(0, state, 0.0, (Snapshot(0, tuple(range(7, 7 + len(boxes))), boxes),))
+    plan = Planner(task_of(loaded, problem), config).plan(seen)
+    reaches = plan.trace["chosen"]["reaches_goal"]
+    assert (MANOEUVRE in plan.trace["seeds"]) == sought
+    assert not (sought and reaches)
 
 
 def test_there_is_no_manoeuvre_through_a_wall():

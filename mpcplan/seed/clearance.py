@@ -4,12 +4,12 @@ Both are exact: rectangles against rectangles by separating axes, the body again
 as polygons.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import shapely
 
-from mpcplan.predict.occupancy import Occupancy
+from mpcplan.predict.occupancy import VALUES, Occupancy
 from mpcplan.trajectory import Array, State
 from mpcplan.vehicle import FORD_ESCORT as CAR
 from mpcplan.vehicle import rectangles
@@ -74,6 +74,17 @@ def standing(window: Occupancy) -> Boxes:
     rows = np.flatnonzero(stays.any(axis=1))
     values = (window.x, window.y, window.psi, window.length, window.width)
     return Boxes(*(value[rows, stays[rows].argmax(axis=1)] for value in values))
+
+
+def kept_standing(window: Occupancy) -> Occupancy:
+    """The others, of whom those who stand at present go on doing so: who waits may well be waiting
+    for the vehicle, and would be in its way for ever if it waited too."""
+    with np.errstate(invalid="ignore"):
+        rows = np.abs(window.v[:, 0]) < STANDING
+    held = {name: getattr(window, name).copy() for name in VALUES}
+    for values in held.values():
+        values[rows] = values[rows, :1]
+    return replace(window, **held)
 
 
 def overlaps(poses: Poses, boxes: Boxes) -> Array:

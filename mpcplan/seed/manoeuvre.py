@@ -22,7 +22,7 @@ from mpcplan.predict.occupancy import Occupancy
 from mpcplan.road.road import Road
 from mpcplan.seed.blocked import block
 from mpcplan.seed.candidates import tight
-from mpcplan.seed.clearance import Clearance, on_road, standing
+from mpcplan.seed.clearance import Clearance, kept_standing, on_road, standing
 from mpcplan.seed.lattice import reach_of
 from mpcplan.seed.paths import FrenetPose, Paths, frenet_pose
 from mpcplan.seed.profiles import Motion
@@ -63,16 +63,23 @@ def manoeuvre_seeds(
     steps = max(road.last_step - step, 1)
     count = round(reach_of(road, pose, motion, steps * dt) / road.frame.spacing) + 1
     window = occupancy.window(step, steps + 1)
-    path = manoeuvre(road, pose, count, window, config)
-    if path is None:
-        return [], SeedReport(MANOEUVRE, 0, 0, 0)
-    blocked = block(window, path, tight(config), config.cost)
-    found = search(road, path, blocked, 0, motion.v, motion.a, step, config, dt)
-    if found is None:
-        return [], SeedReport(MANOEUVRE, 1, 0, 0)
-    seed = as_seed(road, path, 0, motion.a, found, MANOEUVRE, step, dt)
-    seed = replace(seed, cost=seed.cost + seed_cost(seed, window, config, dt))
-    return [seed], SeedReport(MANOEUVRE, 1, 1, int(seed.reaches_goal))
+    seeds: list[Seed] = []
+    tried = 0
+    for others in (window, kept_standing(window)):
+        path = manoeuvre(road, pose, count, others, config)
+        if path is None:
+            continue
+        tried += 1
+        blocked = block(others, path, tight(config), config.cost)
+        found = search(road, path, blocked, 0, motion.v, motion.a, step, config, dt)
+        if found is not None:
+            seed = as_seed(road, path, 0, motion.a, found, MANOEUVRE, step, dt)
+            cost = seed.cost + seed_cost(seed, others, config, dt)
+            seeds.append(replace(seed, cost=cost))
+        if seeds and seeds[-1].reaches_goal:
+            break
+    reaching = sum(seed.reaches_goal for seed in seeds)
+    return seeds, SeedReport(MANOEUVRE, tried, len(seeds), reaching)
 
 
 def manoeuvre(
