@@ -194,10 +194,10 @@ def test_only_a_manoeuvre_leads_past_who_stands_across_the_bend(nose):
 def test_a_manoeuvre_is_sought_at_low_speed_where_nothing_leads_to_the_goal(
     v, wall, enabled, sought
 ):
-    loaded = load(FOLDER / "ZAM_FreeRoad-1_1_T-1.xml")
-    config = Config.model_validate(
-        {"predict": {"kind": "constant_input"}, "seed": {"manoeuvre": enabled}}
-    )
+    name = "FreeRoad" if wall is None else "SBend"  # the goal of the former is a time alone
+    loaded = load(FOLDER / f"ZAM_{name}-1_1_T-1.xml")
+    predict = {"kind": "constant_input", "horizon": 10.0, "hope": ()}  # the wall stays
+    config = Config.model_validate({"predict": predict, "seed": {"manoeuvre": enabled}})
     problem = loaded.problems[0]
     state = problem.start.copy()
     state[State.V] = v
