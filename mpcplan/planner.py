@@ -26,10 +26,11 @@ from mpcplan.risk import risks
 from mpcplan.road.road import Road, build_roads, with_strips
 from mpcplan.seed.candidates import Effort, distinct, find_seeds
 from mpcplan.seed.level_k import LEVEL_K
+from mpcplan.seed.manoeuvre import manoeuvre_seeds
 from mpcplan.seed.seed import Seed, SeedReport, merged, words
 from mpcplan.seed.track import frenet_states
 from mpcplan.task import Task
-from mpcplan.trajectory import Trajectory
+from mpcplan.trajectory import State, Trajectory
 from mpcplan.verify.guard import Guard
 from mpcplan.witness import Witness
 
@@ -173,6 +174,8 @@ class Planner:
             decided = [seed for seed in seeds if seed.source == LEVEL_K and seed not in finalists]
             for seed in finalists + decided:
                 self._developer.develop(cycle, seed, options, refused)
+        if not any(option.reaches_goal for option in options):
+            reports += self._manoeuvre(cycle, options, refused)
         if not options and self._calm is not self.config:
             self._take_time(cycle, options, refused)
         options.sort(key=lambda option: (not option.reaches_goal, option.cost))
@@ -200,6 +203,26 @@ class Planner:
                 self._developer.develop(hopeful, told, options, refused)
             if any(option.reaches_goal for option in options):
                 return
+
+    def _manoeuvre(
+        self, cycle: Cycle, options: list[Option], refused: list[Option]
+    ) -> list[SeedReport]:
+        """Adds a plan to the goal along a path made for narrow places; the report, if it is sought.
+
+        It asks for low speed and much steering: it is for when nothing else leads on.
+        """
+        seen, road, config = cycle.observation, self._current_road, self.config.seed
+        if not config.manoeuvre or float(seen.state[State.V]) > config.manoeuvre_speed:
+            return []
+        around = cycle.around(road)
+        with cycle.clock("seed"):
+            seeds, report = manoeuvre_seeds(
+                road, seen.state, seen.acceleration, seen.step, around, self.config, self.dt
+            )
+        for seed in seeds:
+            if seed.reaches_goal:
+                self._developer.develop(cycle, seed, options, refused)
+        return [report]
 
     @property
     def _current_road(self) -> Road:

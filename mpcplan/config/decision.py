@@ -66,6 +66,18 @@ class SeedConfig(Section):
         min_length=2,
     )
     search_labels: int = par(1500, "1", "states kept per move of the search", ge=10, le=100000)
+    manoeuvre: bool = par(
+        True, "", "at low speed, search a narrow way around the others where nothing else leads on"
+    )
+    manoeuvre_speed: float = par(
+        5.0, "m/s", "present speed up to which manoeuvres are searched", ge=0, le=20
+    )
+    manoeuvre_length: float = par(28.0, "m", "length of a manoeuvre", ge=2, le=100)
+    manoeuvre_rate: float = par(
+        0.2, "rad/m", "steering rate of a manoeuvre, over the way", gt=0, le=2
+    )
+    manoeuvre_gap: float = par(0.25, "m", "gap to the others in a manoeuvre", ge=0, le=2)
+    manoeuvre_labels: int = par(300, "1", "states kept per metre of a manoeuvre", ge=10, le=100000)
     sources: tuple[ClassName, ...] = par(
         (), "", "further sources of seeds, beside the lattice and the search"
     )

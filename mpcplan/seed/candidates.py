@@ -88,13 +88,13 @@ def _searches(
 
     yield searched(plain, grid.blocked, "search")
     if not reached and effort is not Effort.PLAIN:
-        near = with_margins(grid.blocked, grid.window, grid.paths, _tight(config))
+        near = with_margins(grid.blocked, grid.window, grid.paths, tight(config))
         yield searched(plain, near, "tight search")
     if not reached and passing:
         yield searched(passing, grid.blocked, "search around")
 
 
-def _tight(config: Config) -> SeedConfig:
+def tight(config: Config) -> SeedConfig:
     """The seeds' margins reduced to what verification asks for."""
     margin = config.verify.margin + ROUNDING
     return config.seed.model_copy(

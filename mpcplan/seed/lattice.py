@@ -110,7 +110,7 @@ def judge_all(
     pose = frenet_pose(road, state)
     motion = Motion(max(float(state[State.V]), 0.0), acceleration)
     window = occupancy.window(step, count + 1)
-    reach = _reach(road, pose, motion, t[-1])
+    reach = reach_of(road, pose, motion, t[-1])
     paths = sample_paths(road, pose, reach, window, config.seed)
     profiles = _profiles(road, pose, motion, paths, window, t, step, config)
     broken = profile_violations(profiles)
@@ -140,7 +140,7 @@ def _slacks(config: Config) -> dict[str, float]:
     return {"road": config.seed.road_slack, "steering rate": config.seed.steering_slack}
 
 
-def _reach(road: Road, pose: FrenetPose, motion: Motion, duration: float) -> float:
+def reach_of(road: Road, pose: FrenetPose, motion: Motion, duration: float) -> float:
     """Length of path that candidates can use [m]."""
     top = motion.v + ACCELERATION_SHARE * 8.0
     return float(np.clip(top * duration, 20.0, max(road.frame.length - pose.s - CAR.front, 20.0)))
