@@ -42,7 +42,7 @@ def _trusting(cycle: Cycle, guard: Guard, best: Option, refused: list[Option]) -
     """Where no plan that passes leads to the goal: the best refused one that is better and safe if
     those who follow at the safe distance stay behind, as they have to."""
     seen, forecast = cycle.observation, cycle.forecast
-    if forecast.exact or best.reaches_goal:
+    if forecast.exact or best.reaches_goal or not guard.trusts:
         return None
     for option in sorted(refused, key=lambda o: (not o.reaches_goal, o.cost)):
         if option.cost >= best.cost and not option.reaches_goal:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 from commonroad.planning.planning_problem import PlanningProblem
 
@@ -50,9 +51,11 @@ class Developer:
         kept = self._finish(cycle, last, seed, KEPT, None) if last is not None else None
         ways: list[Callable[[], Option | None]] = []
         if self._config.refine.enabled:
-            wider = self._config.refine.retry_margin
             ways.append(lambda: self._best_refined(cycle, seed, whole))
-            ways.append(lambda: self._refined(cycle, seed, wider, whole))
+            ways += [
+                partial(self._refined, cycle, seed, wider, whole)
+                for wider in self._config.refine.retry_margins
+            ]
         ways.append(lambda: kept or self._unrefined(cycle, seed))
         for way in ways:
             option = way()

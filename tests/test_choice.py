@@ -14,8 +14,8 @@ PASSED, REFUSED = Finding(True), Finding(False, "collision", 12)
 class TrustingGuard:
     """Finds those plans safe that are trusted to be; a plan is known by its name."""
 
-    def __init__(self, trusted: set[str]) -> None:
-        self._trusted = trusted
+    def __init__(self, trusted: set[str], trusts: bool = True) -> None:
+        self._trusted, self.trusts = trusted, trusts
 
     def verify(self, plan, road, forecast, now, trusting=False) -> Finding:
         """The finding on a plan that trusts who follows."""
@@ -29,12 +29,14 @@ def option(name: str, cost: float, reaches: bool, finding: Finding) -> Option:
     return Option(name, seed, cost, reaches, finding, name)
 
 
-def chosen(best: Option, refused: list[Option], trusted: set[str], exact: bool = False):
+def chosen(
+    best: Option, refused: list[Option], trusted: set[str], exact: bool = False, trusts: bool = True
+):
     """What is chosen, and why."""
     cycle = SimpleNamespace(
         observation=SimpleNamespace(step=3), forecast=SimpleNamespace(exact=exact), notes=[]
     )
-    return choose(cycle, TrustingGuard(trusted), None, [best], refused)
+    return choose(cycle, TrustingGuard(trusted, trusts), None, [best], refused)
 
 
 STOP = option("stop", 700.0, False, PASSED)
@@ -67,3 +69,7 @@ def test_a_plan_that_reaches_the_goal_needs_no_trust():
 
 def test_where_the_others_motion_is_known_nobody_is_trusted():
     assert chosen(STOP, [MERGE], {"merge"}, exact=True)[0] is STOP
+
+
+def test_nobody_is_trusted_who_is_not_to_be():
+    assert chosen(STOP, [MERGE], {"merge"}, trusts=False)[0] is STOP

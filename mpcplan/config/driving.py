@@ -27,6 +27,18 @@ class VerifyConfig(Section):
         gt=0.1,
         le=60,
     )
+    waiting: bool = par(
+        False,
+        "",
+        "where the others' motion is a guess, plans must also be safe from who stands now if he "
+        "has not moved by the next cycle",
+    )
+    trusting: bool = par(
+        False,
+        "",
+        "where the others' motion is a guess and no plan that passes leads to the goal, drive one "
+        "that only those refuse who follow at the safe distance",
+    )
 
 
 class RulesConfig(Section):

@@ -40,12 +40,8 @@ class RefineConfig(Section):
         "sideways: the first; where the others' motion is recorded the best of all",
         min_length=1,
     )
-    retry_margin: float = par(
-        0.15,
-        "m",
-        "margins grow by this for a second try when verification refuses the first",
-        ge=0,
-        le=2,
+    retry_margins: tuple[Annotated[float, Field(gt=0, le=2)], ...] = par(
+        (0.15, 0.08), "m", "margins grow by these, one after the other, while verification refuses"
     )
     iterations: int = par(5, "1", "SQP iterations at most when a plan goes on", ge=1, le=200)
     tolerance: float = par(2e-3, "1", "scaled step at which the iteration ends", gt=0, le=1)

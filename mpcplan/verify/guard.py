@@ -9,8 +9,9 @@ that long; else one that trusts those who follow the vehicle at a safe distance 
 to stay behind it; after that only braking is left.
 
 Who stands now may go on standing, whatever is guessed: who waits for a reason that is not seen is
-guessed to drive off in every cycle anew, and plans that count on it would creep into him. So a plan
-must also be safe from all who stand if it is broken off at the next cycle and they have not moved.
+guessed to drive off in every cycle anew, and plans that count on it creep into him. With
+``verify.waiting`` a plan must also be safe from all who stand if it is broken off at the next cycle
+and they have not moved.
 """
 
 import numpy as np
@@ -20,7 +21,7 @@ from mpcplan.observation import Box, Forecast
 from mpcplan.road.road import Road
 from mpcplan.trajectory import Array, Trajectory
 from mpcplan.verify.behind import follows
-from mpcplan.verify.drivability import Finding, check_collision, verify
+from mpcplan.verify.drivability import PASSED, Finding, check_collision, verify
 from mpcplan.verify.failsafe import braking_along, braking_tail
 
 STANDS = 0.1  # m/s, slower stands
@@ -53,6 +54,11 @@ class Guard:
         tail = braking_along(road, trajectory, step, braking, self._dt)
         return near.then(tail if tail is not None else self.tail(road, near))
 
+    @property
+    def trusts(self) -> bool:
+        """Whether those who follow may be trusted where no other plan leads to the goal."""
+        return self._config.trusting
+
     def verify(
         self, trajectory: Trajectory, road: Road, forecast: Forecast, now: int,
         trusting: bool = False,
@@ -81,6 +87,8 @@ class Guard:
         self, trajectory: Trajectory, road: Road, forecast: Forecast, now: int
     ) -> Finding:
         """The collision of a plan, broken off at the next cycle, with who stands now and stays."""
+        if not self._config.waiting:
+            return PASSED
         step = now + self._interval
         if step < trajectory.last_step:
             trajectory = self.broken_off(trajectory, road, step)
