@@ -92,6 +92,7 @@ class Reassociation:
             except RoadError as error:
                 failed = replace(told, due=False, reason=f"{told.reason}: {error}")
                 return Reassociated(None, last, failed)
+            self._association.begin_in(told.lanelet, roads)
             carried = carried_over(last, roads, seen.step) if last is not None else None
         reason = f"{told.reason}: {_routes(roads)}"
         if last is not None and carried is None:

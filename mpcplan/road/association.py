@@ -11,6 +11,7 @@ every lane change. A vehicle that has come into yet another lane is associated a
 reference, is associated rightly. Time is counted in time steps, so the same drive gives the same.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -71,11 +72,14 @@ class Association:
         self._network, self._config, self._dt = network, config, dt
         self._lines = CentreLines(network)
         self._begin: int | None = None  # the lanelet in which the routes begin
+        self._onward: tuple[int, ...] = ()  # lanelets of their references, where they are new
         self._other: tuple[int, int] | None = None  # another lane, and since when it is there
 
-    def begin_in(self, lanelet: int | None) -> None:
-        """The routes begin, or are taken to begin, in a lanelet."""
+    def begin_in(self, lanelet: int | None, roads: Sequence[Road] = ()) -> None:
+        """The routes begin, or are taken to begin, in a lanelet; with the roads built from it."""
         self._begin, self._other = lanelet, None
+        lanes = {i for road in roads for i in reference_lanes(self._network, road.route)}
+        self._onward = tuple(sorted(lanes))
 
     def judge(self, step: int, state: Array, road: Road) -> Judgement:
         """Whether the routes are to be built anew.
@@ -132,11 +136,12 @@ class Association:
         )
 
     def _goes_on(self, lanelet: int, lanes: list[int]) -> bool:
-        """Whether a lanelet is where the routes begin, or that lane's way on beside ours."""
+        """Whether a lanelet is where the routes begin, or that lane's way on: beside the reference,
+        or one of the new roads, where the last plan still stays on its own."""
         if self._begin is None or lanelet == self._begin:
             return True
         onward = reachable(self._network, self._begin, self._config.look)
-        return lanelet in onward and lanelet in beside(self._network, lanes)
+        return lanelet in onward and lanelet in beside(self._network, [*lanes, *self._onward])
 
     def _elsewhere(
         self, step: int, state: Array, road: Road, place: Place, lanes: list[int]
