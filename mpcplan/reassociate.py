@@ -2,7 +2,8 @@
 
 The roads are built from the present state to the same goal. The timetable to it goes on as it was,
 and so does the last plan: what is left of it is looked at in the Frenet frame of the new road that
-it leaves least. Where none of them can hold it, it stays on its own road until it is replaced.
+it leaves least. Where none of them can hold it, it stays on its own road until it is replaced. The
+road driven on so far stays one of the roads, as the last of them.
 """
 
 from collections.abc import Sequence
@@ -97,7 +98,8 @@ class Reassociation:
         reason = f"{told.reason}: {_routes(roads)}"
         if last is not None and carried is None:
             reason += "; the last plan stays on its road"
-        return Reassociated(roads, carried or last, replace(told, reason=reason))
+        # from two lanes aside its reference may be the nearer one: what it offers is not given up
+        return Reassociated((*roads, road), carried or last, replace(told, reason=reason))
 
     def _roads_from(self, seen: Observation, before: Road, lanelet: int | None) -> tuple[Road, ...]:
         problem = PlanningProblem(

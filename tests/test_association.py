@@ -351,6 +351,7 @@ def test_the_timetable_goes_on_as_it_was(tmp_path):
     cycle = Cycle(Observation(60, state, 0.0, (now,)), NOBODY, Clock(), [], {})
     found = anew.look(cycle, road, last)
     assert found.told.due and found.roads is not None
+    assert found.roads[-1] is road and len(found.roads) > 1  # what it offers is not given up
     for new in found.roads:
         assert new.first_step == road.first_step
         before, after = (float(r.frame.to_frenet(state[:2])[0]) - r.start for r in (road, new))
