@@ -1,7 +1,8 @@
 """The planner: one cycle as a pipeline from an observation to a verified plan.
 
-    1. predict the others        2. play the level-k game (if asked for)        3. find seeds
-    4. refine the best of them   5. verify                            6. fall back where needed
+    1. predict the others        2. build the roads anew (if asked for, where the lane is another)
+    3. play the level-k game (if asked for)        4. find seeds        5. refine the best of them
+    6. verify                    7. fall back where needed
 
 Order of fallbacks: the refined seed; the seed itself, driven by feedback; what is left of the last
 plan; where the others' motion is a guess, a refused plan that can still be broken off later, or
@@ -21,9 +22,11 @@ from mpcplan.observation import Forecast, Observation
 from mpcplan.plan import Clock, Option, Plan
 from mpcplan.predict.occupancy import Occupancy
 from mpcplan.predict.predictor import make_predictor
+from mpcplan.reassociate import Reassociation, planned_roads
 from mpcplan.refine.refine import Watch
 from mpcplan.risk import risks
-from mpcplan.road.road import Road, build_roads, with_strips
+from mpcplan.road.association import Judgement
+from mpcplan.road.road import Road
 from mpcplan.seed.candidates import Effort, distinct, find_seeds
 from mpcplan.seed.level_k import LEVEL_K
 from mpcplan.seed.manoeuvre import manoeuvre_seeds
@@ -64,10 +67,9 @@ class Planner:
         self._calm = without_haste(self.config)
         self.problem, self.dt = task.problem, task.dt
         goal = task.problem.planning_problem
-        self.roads = build_roads(task.road_map, goal, self.config.road)
-        if self.config.cost.safe_distance > 0 or self.config.cost.traffic_flow > 0:
-            roads = (with_strips(road, task.road_map, self.config) for road in self.roads)
-            self.roads = tuple(roads)
+        self.roads = planned_roads(task.road_map, goal, self.config)
+        anew = self.config.association.enabled
+        self._anew = Reassociation(task.road_map, goal, self.config) if anew else None
         self._predict = make_predictor(task, self.config.predict)
         self._guard = Guard(self.config, self.dt)
         self._developer = Developer(goal, self._guard, self.config, self.dt, watch)
@@ -87,6 +89,7 @@ class Planner:
         with clock("predict"):
             forecast = self._predict(observation)
         cycle = Cycle(observation, forecast, clock, [], self._occupancies)
+        association = self._reassociate(cycle)
         played = self._play(cycle)
         options, reports, refusals = self._options(cycle, played)
         if not options:
@@ -104,6 +107,7 @@ class Planner:
             "step": observation.step,
             "source": chosen.source,
             "chosen": chosen.as_dict(),
+            "association": association.as_dict() if association is not None else None,
             "game": played.as_dict() if played is not None else None,
             "seeds": {r.source: r.as_dict() for r in reports},
             "refusals": "; ".join(words(report) for report in reports),
@@ -118,6 +122,16 @@ class Planner:
         return Plan(
             chosen.trajectory, chosen.source, chosen.reaches_goal, chosen.finding, trace, hold
         )
+
+    def _reassociate(self, cycle: Cycle) -> Judgement | None:
+        """The roads built anew where the ego vehicle has come into another lane, if asked for."""
+        if self._anew is None:
+            return None
+        found = self._anew.look(cycle, self._current_road, self._last)
+        if found.roads is not None:
+            self.roads, self._last = found.roads, found.last
+            self._occupancies.clear()  # known by the roads' identity, which may come again
+        return found.told
 
     def _risks(self, cycle: Cycle) -> tuple[str, ...]:
         """Why the next plan is due sooner than usual; nothing where it is not."""

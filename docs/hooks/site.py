@@ -26,8 +26,8 @@ CELL_SECONDS = 1200
 API = {  # pages of the reference: title, and the packages or modules on it
     "interface": ("Interface", [
         "mpcplan", "config", "errors", "task", "observation", "trajectory", "vehicle", "plan",
-        "planner", "cycle", "develop", "choice", "guessing", "risk", "plug", "environment",
-        "witness", "console",
+        "planner", "cycle", "develop", "choice", "guessing", "risk", "reassociate",
+        "plug", "environment", "witness", "console",
     ]),
     "road": ("Road and loading", [
         "scenario", "scenario_checks", "scenario_repair", "scenario_xml", "road",

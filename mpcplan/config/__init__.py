@@ -4,10 +4,16 @@ from mpcplan.config.base import ClassName, Section, par
 from mpcplan.config.decision import GameConfig, SeedConfig
 from mpcplan.config.driving import BoundConfig, DriveConfig, RiskConfig, RulesConfig, VerifyConfig
 from mpcplan.config.refinement import WHOLE, Backend, KnownBackend, RefineConfig
-from mpcplan.config.surroundings import CostConfig, PredictConfig, RoadConfig
+from mpcplan.config.surroundings import (
+    AssociationConfig,
+    CostConfig,
+    PredictConfig,
+    RoadConfig,
+)
 
 __all__ = [
     "WHOLE",
+    "AssociationConfig",
     "Backend",
     "BoundConfig",
     "ClassName",
@@ -33,6 +39,9 @@ class Config(Section):
 
     cost: CostConfig = par(CostConfig(), "", "the planner's cost")
     road: RoadConfig = par(RoadConfig(), "", "route, reference path and limits")
+    association: AssociationConfig = par(
+        AssociationConfig(), "", "when the routes are built anew from another lane"
+    )
     predict: PredictConfig = par(PredictConfig(), "", "prediction of the other vehicles")
     seed: SeedConfig = par(SeedConfig(), "", "the sampled lattice")
     game: GameConfig = par(GameConfig(), "", "the level-k game")

@@ -84,6 +84,32 @@ class RoadConfig(Section):
     speed_max: float = par(40.0, "m/s", "speed limit where no sign stands", gt=1, le=45.8)
 
 
+class AssociationConfig(Section):
+    """When the routes are built anew, from another lane that the ego vehicle has come into."""
+
+    enabled: bool = par(
+        False, "", "build the routes anew where the ego vehicle has settled in another lane"
+    )
+    settled: float = par(
+        1.0, "s", "time in the other lane after which the routes are built anew", ge=0, le=30
+    )
+    offset: float = par(
+        0.5, "m", "who is in a lane is at most this far from its centre", gt=0, le=3
+    )
+    heading: float = par(
+        0.1, "rad", "who is in a lane deviates at most this much from its direction", gt=0, le=1
+    )
+    look: float = par(
+        50.0, "m", "no routes are built anew with a complex intersection in this", gt=0, le=500
+    )
+    near: float = par(
+        1.0, "m", "another lane overlaps the reference where its centre is this near", gt=0, le=5
+    )
+    overlaps: int = par(
+        1, "1", "overlapping lanes that make an intersection a complex one", ge=1, le=100
+    )
+
+
 class PredictConfig(Section):
     """How the other vehicles' motion is predicted."""
 

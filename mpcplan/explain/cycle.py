@@ -57,6 +57,8 @@ def _told(cycle: dict[str, Any]) -> list[str]:
         f"feared    {refused}" for refused in refused_plans(cycle) if refused.obstacle is not None
     ]
     lines += [f"risk      {risk}; the next plan comes sooner" for risk in cycle.get("risks", ())]
+    if cycle.get("association"):
+        lines.append(f"lane      {_association(cycle['association'])}")
     others = [o for o in cycle["options"] if o != cycle["chosen"]]
     lines += [f"also      {_option(option)}" for option in others]
     if cycle.get("refine"):
@@ -67,6 +69,11 @@ def _told(cycle: dict[str, Any]) -> list[str]:
         lines += _game(cycle["game"])
     times = ", ".join(f"{name} {value:.0f}" for name, value in cycle["times_ms"].items())
     return [*lines, f"times     {times} ms"]
+
+
+def _association(association: dict[str, Any]) -> str:
+    anew = "re-associated" if association["reassociated"] else "not re-associated"
+    return f"{anew}: {association['reason']}"
 
 
 def _option(option: dict[str, Any]) -> str:

@@ -53,6 +53,7 @@ def _drive_lines(drive: dict[str, Any], scenario: str) -> list[str]:
         *feared_lines(cycles),
         *_fallbacks(cycles),
         *_rises(cycles),
+        *_lanes(cycles),
         *_game(cycles),
         f"times     {_times(cycles)}",
     ]
@@ -123,6 +124,12 @@ def _game(cycles: Sequence[dict[str, Any]]) -> list[str]:
     if not played:
         return []
     return [f"game      played at {_runs(played, cycles)}; --step tells it"]
+
+
+def _lanes(cycles: Sequence[dict[str, Any]]) -> list[str]:
+    """Where the routes were built anew, from another lane."""
+    found = [c for c in cycles if (c.get("association") or {}).get("reassociated")]
+    return [f"lane      step {c['step']}: {c['association']['reason']}" for c in found]
 
 
 def _times(cycles: Sequence[dict[str, Any]]) -> str:

@@ -85,15 +85,24 @@ class Road:
 
 
 def build_roads(
-    scenario: Scenario, problem: PlanningProblem, config: RoadConfig
+    scenario: Scenario,
+    problem: PlanningProblem,
+    config: RoadConfig,
+    area: shapely.Geometry | None = None,
 ) -> tuple[Road, ...]:
     """Roads of all routes that meet the goal, the most direct first.
+
+    Args:
+        scenario: the map.
+        problem: start and goal.
+        config: of routes, reference path and limits.
+        area: the drivable area, where it is known already.
 
     Raises:
         RoadError: where there is none (with the reason of each route).
     """
     network = scenario.lanelet_network
-    area = drivable_area(scenario)
+    area = drivable_area(scenario) if area is None else area
     start = np.asarray(problem.initial_state.position, float)
     last_step = last_goal_step(problem)
     duration = (last_step - problem.initial_state.time_step) * scenario.dt
