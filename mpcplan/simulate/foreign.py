@@ -106,6 +106,7 @@ class ForeignDriver:
                 "verify": PASSED.as_dict(),
             },
             "game": None,
+            "association": None,
             "seeds": {},
             "refusals": str(reasons),
             "options": [],
