@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from reference_ocp import DT, Track, forecast_of, frame_of, road_of, state_at, straight_road
 
-from mpcplan.config import Config, VerifyConfig, load_config
+from mpcplan.config import Config, VerifyConfig
+from mpcplan.config.files import load_config
 from mpcplan.observation import Box, Forecast, box_corners
 from mpcplan.trajectory import Input, State, Trajectory
 from mpcplan.vehicle import FORD_ESCORT, input_violations, rectangles, simulate
