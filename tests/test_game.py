@@ -93,7 +93,13 @@ def test_sequences_are_numbered_in_lexicographic_order():
 
 
 @settings(max_examples=30, deadline=None)
-@given(d=st.floats(-1, 1), mu=st.floats(-1, 1), v=st.floats(0, 15), leaf=st.integers(0, 14**3 - 1))
+@given(
+    d=st.floats(-1, 1),
+    mu=st.floats(-1, 1),
+    # who creeps through 1e-265 m/s turns, and the Euler steps lose that speed in the first of them
+    v=st.just(0.0) | st.floats(1e-6, 15),
+    leaf=st.integers(0, 14**3 - 1),
+)
 def test_motion_agrees_with_small_euler_steps(d, mu, v, leaf):
     small, substeps = 1e-4, 5
     config = game(substeps=substeps)
