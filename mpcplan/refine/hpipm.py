@@ -160,6 +160,7 @@ class StageQp:
         for name, value in {**tolerance, "mu0": settings.mu0}.items():
             self._set(name, ctypes.c_double(value))
         self._set("iter_max", ctypes.c_int(settings.iterations))
+        self._set("comp_res_pred", ctypes.c_int(0))  # residuals of predictors, which decide nothing
         self._workspace = self._structure("ocp_qp_ipm_ws", dim, self._settings)
         soft = [Pointer(self.found["sl"].pointers.value)] * _N_SOFT  # of no stage anything
         self._given = [*(self.data[name].pointers for name in _ORDER), *soft, self._qp]
