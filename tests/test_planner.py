@@ -244,6 +244,26 @@ def test_a_plan_that_gains_nothing_is_refined_only_once_a_cycle():
     assert 1 in counts and max(counts) == 1
 
 
+@pytest.mark.parametrize("passes", [0.0, 0.2, 0.1, None])
+def test_margins_are_widened_one_after_the_other_until_a_plan_passes(monkeypatch, passes):
+    margins = (0.2, 0.1)
+    config = configured(refine={"retry_margins": margins}, predict={"kind": "constant_input"})
+    loaded, tried, real = bundled("Follow"), [], Developer._refined
+
+    def refused_but_one(self, cycle, seed, extra, whole, aside=None):
+        option = real(self, cycle, seed, extra, whole, aside)
+        tried.append((id(seed), extra))
+        if option is None:
+            return None
+        return replace(option, finding=Finding(extra == passes, "road", 3))
+
+    monkeypatch.setattr(Developer, "_refined", refused_but_one)
+    Planner(task_of(loaded, loaded.problems[0]), config).plan(first_look(loaded))
+    first, all_of_them = [extra for seed, extra in tried if seed == tried[0][0]], [0.0, *margins]
+    end = all_of_them.index(passes) + 1 if passes is not None else None
+    assert first == all_of_them[:end]
+
+
 def test_a_plan_that_cannot_reach_its_goal_ends_at_rest(tmp_path):
     plan = planned(walled(tmp_path, 34.0))
     assert not plan.reaches_goal and plan.finding.ok
