@@ -21,9 +21,10 @@ from commonroad.scenario.lanelet import LaneletNetwork
 
 from mpcplan.config import AssociationConfig
 from mpcplan.road.limits import NOT_FOR_CARS
-from mpcplan.road.overlap import CentreLines, beside, reachable
+from mpcplan.road.overlap import CentreLines, reachable
 from mpcplan.road.reference import reference_lanes
 from mpcplan.road.road import Road
+from mpcplan.road.route import beside
 from mpcplan.trajectory import Array, State
 from mpcplan.vehicle import FORD_ESCORT as CAR
 

@@ -23,7 +23,7 @@ from commonroad.scenario.lanelet import LaneletNetwork
 from mpcplan.config import AssociationConfig
 from mpcplan.road.frame import Frame
 from mpcplan.road.limits import NOT_FOR_CARS
-from mpcplan.road.route import neighbours
+from mpcplan.road.route import beside
 
 SAMPLING = 1.0  # m, between the points of the reference that are compared with centre lines
 
@@ -89,17 +89,6 @@ class CentreLines:
         return ours | {
             after for i in ours for after in self._network.find_lanelet_by_id(i).successor
         }
-
-
-def beside(network: LaneletNetwork, lanes: Iterable[int]) -> set[int]:
-    """Lanelets with all those beside them of the same direction."""
-    found, open_ = set(lanes), list(lanes)
-    while open_:
-        for neighbour in neighbours(network.find_lanelet_by_id(open_.pop())):
-            if neighbour not in found:
-                found.add(neighbour)
-                open_.append(neighbour)
-    return found
 
 
 def reachable(network: LaneletNetwork, lanelet: int, reach: float) -> set[int]:

@@ -19,7 +19,7 @@ from scipy.interpolate import make_smoothing_spline
 from mpcplan.config import RoadConfig
 from mpcplan.errors import RoadError
 from mpcplan.road.frame import Frame
-from mpcplan.road.route import Route, neighbours
+from mpcplan.road.route import Route, beside, neighbours
 from mpcplan.trajectory import Array
 from mpcplan.vehicle import FORD_ESCORT as CAR
 
@@ -82,20 +82,10 @@ def lasting_lanes(network: LaneletNetwork, route: Route) -> list[int]:
     for previous in reversed(route.lanelets[:-1]):
         if here not in neighbours(network.find_lanelet_by_id(previous)):  # else: still abreast
             before = network.find_lanelet_by_id(lanes[0]).predecessor
-            on_lane = sorted(set(before) & _abreast(network, previous))
+            on_lane = sorted(set(before) & beside(network, [previous]))
             lanes.insert(0, previous if previous in before or not on_lane else on_lane[0])
         here = previous
     return lanes
-
-
-def _abreast(network: LaneletNetwork, lanelet: int) -> set[int]:
-    """A lanelet and all that lie beside it and lead the same way."""
-    found, edge = {lanelet}, [lanelet]
-    while edge:
-        beside = set(neighbours(network.find_lanelet_by_id(edge.pop()))) - found
-        found |= beside
-        edge += sorted(beside)
-    return found
 
 
 def join(lanelets: list[Lanelet]) -> Array:

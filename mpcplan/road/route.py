@@ -6,7 +6,7 @@ networkx). Without a goal position the routes are the ways on along the lane, tu
 """
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import islice, pairwise
 
@@ -149,6 +149,17 @@ def neighbours(lanelet: Lanelet) -> list[int]:
     left = lanelet.adj_left if lanelet.adj_left_same_direction else None
     right = lanelet.adj_right if lanelet.adj_right_same_direction else None
     return [i for i in (left, right) if i is not None]
+
+
+def beside(network: LaneletNetwork, lanes: Iterable[int]) -> set[int]:
+    """Lanelets with all those beside them of the same direction."""
+    found, open_ = set(lanes), list(lanes)
+    while open_:
+        for neighbour in neighbours(network.find_lanelet_by_id(open_.pop())):
+            if neighbour not in found:
+                found.add(neighbour)
+                open_.append(neighbour)
+    return found
 
 
 def _length(graph: nx.DiGraph, path: list[int]) -> float:

@@ -133,6 +133,22 @@ def _touch(
     dy = occupancy.y[rows, steps] - y - CAR.rear_to_centre * np.sin(psi)
     ego = (CAR.length / 2 + lon, CAR.width / 2 + lat)
     other = (occupancy.length[rows, steps] / 2, occupancy.width[rows, steps] / 2)
+    return touching(dx, dy, (psi, turn), ego, other)
+
+
+def touching(
+    dx: Array, dy: Array, headings: tuple[Array, Array],
+    ego: tuple[Array | float, Array | float], other: tuple[Array, Array],
+) -> Array:  # fmt: skip
+    """(n,) whether rectangles overlap, by separating axes.
+
+    Args:
+        dx, dy: from the centres of the first to those of the second [m].
+        headings: of both [rad].
+        ego: half length and half width of the first [m].
+        other: of the second.
+    """
+    psi, turn = headings
     apart = np.zeros(len(psi), bool)
     for axis in (psi, psi + np.pi / 2, turn, turn + np.pi / 2):
         gap = np.abs(dx * np.cos(axis) + dy * np.sin(axis))

@@ -10,12 +10,12 @@ import numpy as np
 import shapely
 
 from mpcplan.predict.occupancy import VALUES, Occupancy
+from mpcplan.seed.blocked import touching
+from mpcplan.seed.passing import STANDING, WHILE
 from mpcplan.trajectory import Array, State
 from mpcplan.vehicle import FORD_ESCORT as CAR
 from mpcplan.vehicle import rectangles
 
-STANDING = 0.5  # m/s, who is slower stands,
-WHILE = 15  # time steps, and is in the way if it does so for at least as long
 SPARE = 0.05  # m, kept to the road's edge: the vehicle follows a path only nearly
 BODY_RADIUS = float(np.hypot(CAR.length, CAR.width)) / 2  # m
 
@@ -95,12 +95,10 @@ def overlaps(poses: Poses, boxes: Boxes) -> Array:
     far = BODY_RADIUS + np.hypot(boxes.length, boxes.width) / 2
     found: Array = dx**2 + dy**2 < far**2
     pose, box = np.nonzero(found)
-    own, turn, dx, dy = psi[pose], boxes.psi[box], dx[pose, box], dy[pose, box]
-    for axis in (own, own + np.pi / 2, turn, turn + np.pi / 2):
-        reach = CAR.length * np.abs(np.cos(own - axis)) + CAR.width * np.abs(np.sin(own - axis))
-        reach += boxes.length[box] * np.abs(np.cos(turn - axis))
-        reach += boxes.width[box] * np.abs(np.sin(turn - axis))
-        found[pose, box] &= np.abs(dx * np.cos(axis) + dy * np.sin(axis)) <= reach / 2
+    found[pose, box] = touching(
+        dx[pose, box], dy[pose, box], (psi[pose], boxes.psi[box]),
+        (CAR.length / 2, CAR.width / 2), (boxes.length[box] / 2, boxes.width[box] / 2),
+    )  # fmt: skip
     return found
 
 
