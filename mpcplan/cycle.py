@@ -19,6 +19,7 @@ class Cycle:
         notes: what went wrong, in words.
         projected: forecasts and their projections by road; kept while the forecast stays the same.
         certain: time steps after which nobody is taken to be in the way any more; None: never.
+        made: the forecast as it was made, where ``forecast`` already counts on a plan; else None.
     """
 
     observation: Observation
@@ -27,6 +28,7 @@ class Cycle:
     notes: list[str]
     projected: dict[int, tuple[Forecast, Occupancy]]
     certain: int | None = None
+    made: Forecast | None = None
 
     def around(self, road: Road) -> Occupancy:
         """The forecast along a road."""

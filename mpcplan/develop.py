@@ -47,6 +47,7 @@ class Developer:
             last: what is left of the last plan, where the seed is that.
             settled: whether that is known to gain no more the whole way to the goal.
         """
+        cycle = self._answered(cycle, seed, last)
         whole = last is None or not settled
         kept = self._finish(cycle, last, seed, KEPT, None) if last is not None else None
         ways: list[Callable[[], Option | None]] = []
@@ -70,6 +71,16 @@ class Developer:
             (options if option.finding.ok else refused).append(option)
             if option.finding.ok:
                 return
+
+    def _answered(self, cycle: Cycle, seed: Seed, last: Trajectory | None) -> Cycle:
+        """The cycle as it is if a seed is driven, or what is left of the last plan."""
+        if not self._config.verify.held or cycle.forecast.exact:
+            return cycle
+        plan = last if last is not None else track(seed, cycle.observation.state, self._dt)
+        forecast = self._guard.answer(cycle.forecast, plan)
+        if forecast is cycle.forecast:
+            return cycle
+        return replace(cycle, forecast=forecast, projected={}, made=cycle.forecast)
 
     def _settled(self, option: Option, kept: Option | None, settled: bool) -> bool:
         """Whether the whole way to the goal need not be refined again in the next cycle."""
@@ -133,7 +144,7 @@ class Developer:
             if reached is None:
                 trajectory = trajectory.then(self._guard.tail(seed.road, trajectory))
             now = cycle.observation.step
-            finding = self._guard.verify(trajectory, seed.road, cycle.forecast, now)
+            finding = self._guard.verify(trajectory, seed.road, cycle.made or cycle.forecast, now)
         return Option(trajectory, seed, cost, reached is not None, finding, source, refined)
 
     def _cost(self, cycle: Cycle, trajectory: Trajectory, road: Road, reaches: bool) -> float:

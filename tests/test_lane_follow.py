@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from commonroad.scenario.intersection import Intersection, IntersectionIncomingElement
+from commonroad.scenario.lanelet import LaneletNetwork
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_lanes import (
@@ -370,13 +371,9 @@ def test_who_is_left_out_has_no_other_hypotheses():
 def test_who_is_beside_or_merges_is_not_left_out():
     side = predicted(two_lanes(), seen(moving(30, WIDTH, 0, 10), ego=EGO))
     assert left_out(side) == [False]
-    roads = network(
-        lane(1, line((-100, 0), (40, 0)), after=(3,)),
-        lane(2, np.vstack([line((-100, -30), (0, -10)), line((0, -10), (40, 0))[1:]]), after=(3,)),
-        lane(3, line((40, 0), (400, 0)), before=(1, 2)),
-    )
-    merging = moving(4, -9, math.atan2(10, 40), 10)
-    assert left_out(predicted(roads, seen(merging, ego=np.array([20.0, 0, 0, 10, 0])))) == [False]
+    from_the_right = moving(4, -9, math.atan2(10, 40), 10)
+    seen_both = seen(from_the_right, ego=np.array([20.0, 0, 0, 10, 0]))
+    assert left_out(predicted(merging(), seen_both)) == [False]
 
 
 # -- branches -----------------------------------------------------------------------------------
@@ -523,6 +520,48 @@ def test_where_no_rule_is_known_the_later_one_waits():
     there = np.abs(y) < 4
     assert (np.abs(free[there]) < 6).any() and (x[there] < -3 - CAR[0] / 2).all()
     assert x[-1] > 0
+
+
+STANDING = moving(-1.0 - CAR[0] / 2, 0, 0, 0)  # with its nose 1 m before the road from the south
+
+
+def test_who_stands_before_a_crossing_waits_for_who_comes():
+    roads = crossing(known=False)
+    forecast = predicted(roads, seen(STANDING, moving(0, -13, math.pi / 2, 9)), alternative=1.0)
+    x, y = forecast.boxes[0, :, Box.X], forecast.boxes[1, :, Box.Y]
+    coming = y < CAR[0] / 2
+    assert coming.any() and x[coming] == pytest.approx(x[0])
+    assert x[-1] > x[0] + 5  # it has gone on since
+
+
+def test_who_stands_beyond_a_crossing_does_not_wait_for_who_comes_there():
+    roads = crossing(known=False)
+    beyond, leader = moving(3.0, 0, 0, 0), moving(60, 0, 0, 15)
+    forecast = predicted(roads, seen(beyond, leader, moving(0, -13, math.pi / 2, 9)))
+    alone = predicted(roads, seen(beyond, leader))
+    assert forecast.boxes[0] == pytest.approx(alone.boxes[0])
+
+
+def merging() -> LaneletNetwork:
+    """Lanelets 1, straight on, and 2, from the right, become 3 at x = 40 m."""
+    return network(
+        lane(1, line((-100, 0), (40, 0)), after=(3,)),
+        lane(2, np.vstack([line((-100, -30), (0, -10)), line((0, -10), (40, 0))[1:]]), after=(3,)),
+        lane(3, line((40, 0), (400, 0)), before=(1, 2)),
+    )
+
+
+def test_who_stands_before_a_merge_goes_when_the_other_is_ahead():
+    waits = moving(25.0, 0, 0, 0)
+    slope = math.atan2(10, 40)
+    comes = moving(10.0, -7.5, slope, 5)
+    forecast = predicted(merging(), seen(waits, comes), alternative=1.0)
+    x, ahead = forecast.boxes[0, :, Box.X], forecast.boxes[1, :, Box.X]
+    sets_off = int((x > x[0] + 0.1).argmax())
+    assert sets_off > 10
+    assert ahead[sets_off] < 40.0  # it has not come to the merge yet
+    apart = np.hypot(*(forecast.boxes[0, :, :2] - forecast.boxes[1, :, :2]).T)
+    assert apart[sets_off:].min() > CAR[0]
 
 
 # -- off the lanes, few, many, new ---------------------------------------------------------------

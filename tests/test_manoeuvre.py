@@ -218,14 +218,14 @@ def test_there_is_no_manoeuvre_through_a_wall():
     pose = frenet_pose(road, state_at(road.frame, BEND - 1.0, v=0.5))
     wall = replace(NOSE, length=20.0)
     shut = occupancy_of(road.frame, STEPS, wall)
-    assert manoeuvre(road, pose, 80, shut, Config()) is None
+    assert manoeuvre(road, pose, 80, standing(shut), Config()) is None
 
 
 def test_a_manoeuvre_begins_at_the_present_pose_and_keeps_the_limits(nose):
     road = junction()
     config = Config()
     pose = frenet_pose(road, state_at(road.frame, BEND - 1.0, d=0.2, v=0.5, mu=0.05))
-    found = manoeuvre(road, pose, 80, nose, config)
+    found = manoeuvre(road, pose, 80, standing(nose), config)
     assert found is not None
     assert found.s.shape == (1, 80)
     begin = (found.s[0, 0], found.d[0, 0], found.mu[0, 0], found.delta[0, 0])
@@ -234,5 +234,5 @@ def test_a_manoeuvre_begins_at_the_present_pose_and_keeps_the_limits(nose):
     assert np.abs(found.kappa - np.tan(found.delta) / CAR.wheelbase).max() == 0.0
     most = FASTER * config.seed.manoeuvre_rate
     assert np.abs(np.diff(found.delta)).max() <= most * found.spacing + 1e-12
-    again = manoeuvre(road, pose, 80, nose, config)
+    again = manoeuvre(road, pose, 80, standing(nose), config)
     assert np.array_equal(again.d, found.d)

@@ -67,7 +67,7 @@ class SeedConfig(Section):
     )
     search_labels: int = par(1500, "1", "states kept per move of the search", ge=10, le=100000)
     manoeuvre: bool = par(
-        False, "", "at low speed, search a narrow way around the others where nothing else leads on"
+        True, "", "at low speed, search a narrow way around the others where nothing else leads on"
     )
     manoeuvre_speed: float = par(
         5.0, "m/s", "present speed up to which manoeuvres are searched", ge=0, le=20

@@ -33,6 +33,12 @@ class VerifyConfig(Section):
         "where the others' motion is a guess, plans must also be safe from who stands now if he "
         "has not moved by the next cycle",
     )
+    held: bool = par(
+        True,
+        "",
+        "where the others' motion is a guess, who stands does not set off into a plan that is in "
+        "his way by then",
+    )
     trusting: bool = par(
         False,
         "",

@@ -17,6 +17,7 @@ from commonroad.scenario.lanelet import LaneletNetwork
 
 from mpcplan.config import PredictConfig
 from mpcplan.observation import Box, Forecast, Observation
+from mpcplan.predict.across import held_up
 from mpcplan.predict.behind import followers
 from mpcplan.predict.following import STEPS, Movers, drive, kept_headway, refined
 from mpcplan.predict.hypotheses import Hypotheses, Leaders, hypotheses, leaders
@@ -102,10 +103,15 @@ class LaneFollow:
             scene.boxes[of, Box.LENGTH], movers.deceleration, usual,
         )  # fmt: skip
         stop, release = self._yielding.stops(traffic, np.flatnonzero(of != scene.ego))
+        for ego in np.flatnonzero(of == scene.ego):
+            before, until = held_up(scene, found, self._paths, s[:, ego], step)
+            stop, release = np.minimum(stop, before), np.maximum(release, until)
         waits = np.isfinite(stop)
-        if waits.any():
+        stays = self._stand(scene, found) & (movers.leader == len(of)) & ~waits
+        if waits.any() or stays.any():
             t = step * np.arange(len(movers.acceleration))[:, None]
             goes = np.where(waits & (t >= release), usual, movers.acceleration)
+            goes[:, stays] = 0.0
             movers = replace(movers, stop=stop, release=release, acceleration=goes)
             s, v = drive(self._paths, movers, step)
         return refined(s, v, step)
@@ -125,7 +131,7 @@ class LaneFollow:
             path=found.path,
             s=found.s,
             v=v,
-            acceleration=self._accelerations(scene, found, led, v, count),
+            acceleration=self._accelerations(scene, found, count),
             deceleration=b,
             headway=headway,
             speed=np.maximum(known.speed[of], v),
@@ -137,20 +143,22 @@ class LaneFollow:
             release=np.zeros(none),
         )
 
-    def _accelerations(
-        self, scene: Scene, found: Hypotheses, led: Array, v: Array, count: int
-    ) -> Array:
-        """(count, h) of who is not held back [m/s^2]: from the observed to the usual one.
-
-        Who stands for no visible reason stays, but for the ego vehicle, which is expected to go.
-        """
+    def _accelerations(self, scene: Scene, found: Hypotheses, count: int) -> Array:
+        """(count, h) of who is not held back [m/s^2]: from the observed to the usual one."""
         of = found.vehicle
         usual = scene.drivers.usual[of]
         seen = np.where(of == scene.ego, usual, scene.motion.acceleration[of])
         t = STEPS * self._dt * np.arange(count)[:, None]
         later = usual + (seen - usual) * np.exp(-t / self._config.acceleration_fade)
-        stays = (v < SLOW) & (np.abs(seen) < STEADY) & ~led & (of != scene.ego)
-        return np.where(stays, 0.0, np.minimum(later, scene.drivers.acceleration[of]))
+        return np.minimum(later, scene.drivers.acceleration[of])
+
+    def _stand(self, scene: Scene, found: Hypotheses) -> Array:
+        """(h,) who stands. If he does so for no visible reason he stays, but for the ego vehicle,
+        which is expected to go."""
+        of = found.vehicle
+        still = np.abs(scene.boxes[of, Box.V]) < SLOW
+        still &= np.abs(scene.motion.acceleration[of]) < STEADY
+        return still & (of != scene.ego)
 
     def _profiles(self, scene: Scene, found: Hypotheses, v: Array) -> Array:
         """(h,) which limits each hypothesis minds."""

@@ -39,12 +39,14 @@ class Conflict:
         at: arc length [m] of the meeting on this lane.
         there: arc length [m] of the meeting on the other lane.
         rule: who goes first.
+        merges: whether both lanes go on as one from there.
     """
 
     other: int
     at: float
     there: float
     rule: Rule
+    merges: bool = False
 
 
 def conflicts(network: LaneletNetwork, lanes: Lanes) -> Mapping[int, tuple[Conflict, ...]]:
@@ -56,7 +58,8 @@ def conflicts(network: LaneletNetwork, lanes: Lanes) -> Mapping[int, tuple[Confl
             rule = Rule.FIRST_COME
             if (lane, foe) in yields:
                 rule = Rule.YIELD if yields[lane, foe] else Rule.GO
-            found.setdefault(lane, []).append(Conflict(foe, own, theirs, rule))
+            merges = not {*lanes.lanes[lane].successors}.isdisjoint(lanes.lanes[foe].successors)
+            found.setdefault(lane, []).append(Conflict(foe, own, theirs, rule, merges))
     return {
         lane: tuple(sorted(some, key=lambda conflict: conflict.other))
         for lane, some in sorted(found.items())

@@ -20,7 +20,10 @@ from mpcplan.trajectory import Array
 ZONE = 3.0  # m, of a lane before and after a meeting that cannot be used together
 LINE = 1.0  # m, kept to a lane's begin, or to the zone, when waiting
 LOOK = 80.0  # m, within which conflicts matter
+STANDS = 0.3  # m/s, slower stands: if that is
+CLOSE = 20.0  # m, before a conflict, for somebody who comes there
 SPARE = 0.5  # s, between one leaving and the next one entering
+KEPT = 1.0  # m, between who merges and who stood, and then follows it
 LATE = 100.0  # s, later than any prediction
 
 
@@ -48,6 +51,11 @@ class Traffic:
     deceleration: Array
     acceleration: Array
 
+    def stands_before(self, rows: Array, at: Array) -> Array:
+        """(n,) whether fronts stand close before arc lengths (n,) [m]."""
+        left = at - self.found.s[rows]
+        return (self.speed[rows] < STANDS) & (left > 0) & (left < CLOSE)
+
     def times(self, rows: Array, at: Array) -> Array:
         """(n,) when [s] fronts come to arc lengths (n,) [m]; LATE: not within the prediction."""
         k = (self.s[:, rows] < at).sum(axis=0)
@@ -56,13 +64,14 @@ class Traffic:
 
 class _Entry(IntEnum):
     """Columns of the conflicts on a way: where one waits, where it lies [m], the other lane and
-    the arc length there [m], whether who comes first goes first."""
+    the arc length there [m], whether who comes first goes first, whether both go on as one."""
 
     LINE = 0
     AT = 1
     OTHER = 2
     THERE = 3
     FIRST_COME = 4
+    MERGES = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,8 +142,13 @@ class Yielding:
         row, entry = row[i], entry[i]
         at = entry[:, _Entry.AT]
         own = traffic.times(row, at - ZONE)
+        waits = traffic.stands_before(row, at)
         matters = (begin < LATE) & (end > 0) & (own < LATE)
-        matters &= (entry[:, _Entry.FIRST_COME] == 0) | (begin < own)
+        matters &= (entry[:, _Entry.FIRST_COME] == 0) | (begin < own) | waits
+        own = np.where(waits, 0.0, own)
+        behind = there - (at - traffic.found.s[row]) + length[foe] + KEPT
+        merges = waits & (entry[:, _Entry.MERGES] > 0)
+        end = np.where(merges, np.minimum(end, traffic.times(foe, behind)), end)
         kept = np.flatnonzero(matters)
         row, at, line = row[kept], at[kept], entry[kept, _Entry.LINE]
         left = at + ZONE + length[row]
@@ -147,13 +161,16 @@ class Yielding:
         )
 
     def _ahead(self, traffic: Traffic, rows: Array) -> tuple[Array, Array]:
-        """Rows and entries (n, 5) of conflicts that hypotheses come to and can still stop for."""
+        """Rows and entries (n, 6) of conflicts that hypotheses come to and can still stop for."""
         path = traffic.found.path[rows]
         count = self._count[path]
         row = np.repeat(rows, count)
         nth = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
         entry = self._entries[np.repeat(self._begin[path], count) + nth]
-        way = entry[:, _Entry.LINE] - traffic.found.s[row]
+        waits = traffic.stands_before(row, entry[:, _Entry.AT])
+        s = traffic.found.s[row]
+        entry[waits, _Entry.LINE] = s[waits]
+        way = entry[:, _Entry.LINE] - s
         braking = traffic.speed[row] ** 2 / (2 * traffic.deceleration[row])
         kept = (way < LOOK) & (way >= np.where(braking > LINE, braking, -LINE))
         return row[kept], entry[kept]
@@ -167,7 +184,8 @@ def _entry(start: float, conflict: Conflict) -> tuple[float, ...]:
     at = start + conflict.at
     first_come = conflict.rule is Rule.FIRST_COME
     line = at - ZONE - LINE if first_come else start - LINE
-    return line, at, float(conflict.other), conflict.there, float(first_come)
+    other = float(conflict.other)
+    return line, at, other, conflict.there, float(first_come), float(conflict.merges)
 
 
 def _wait(met: _Meetings, here: Array, acceleration: float) -> float:

@@ -84,7 +84,7 @@ def build_corridor(
     d_min = -nearest(-(window.d_high[near] + half + lat_margin), chosen & ~by_lon & ~to_left)
     s_max = np.minimum(s_max, seed.road.limits.end - CAR.front)
     if config.cost.haste:  # when to pass a crossing is the seed's decision
-        clear = last_crossing(occupancy, seed.first_step, float(s[0]))
+        clear = last_crossing(occupancy, seed.first_step, float(s[0]), (s, d))
         timed = np.where(s < clear, np.minimum(s, s_max) - YIELDED, -FAR)
         s_min = np.maximum(s_min, timed)
     lead = _lead(seed, window, near, config, config.refine.asides[0] if aside is None else aside)

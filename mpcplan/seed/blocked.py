@@ -28,19 +28,23 @@ LEAD_REACH = 100.0  # m, the evaluator's box around the vehicle
 class Blocked:
     """Grids over (path, time step, sample of sigma); see the module.
 
-    ``owner`` holds the row of the obstacle that blocks (-1: none), ``clear`` the arc length [m]
-    at which all crossings are behind (-inf: none is ahead).
+    ``owner`` holds the row of the obstacle that blocks (-1: none), ``clear`` (p,) the arc lengths
+    [m] at which each path has all crossings behind (-inf: none is ahead).
     """
 
     owner: Array
     lead: Array
-    clear: float
+    clear: Array
 
 
 def block(occupancy: Occupancy, paths: Paths, config: SeedConfig, cost: CostConfig) -> Blocked:
     """Both grids for an occupancy whose columns are the time steps of the profiles."""
     lead = np.stack([_lead(occupancy, paths, path, cost) for path in range(len(paths.s))])
-    clear = last_crossing(occupancy, occupancy.first_step, float(paths.s[0, 0]))
+    first, s = occupancy.first_step, float(paths.s[0, 0])
+    clear = np.full(len(paths.s), -np.inf)
+    if cost.haste:
+        ways = zip(paths.s, paths.d, strict=True)
+        clear = np.array([last_crossing(occupancy, first, s, way) for way in ways])
     return Blocked(_owners(occupancy, paths, config), lead, clear)
 
 

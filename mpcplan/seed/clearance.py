@@ -41,6 +41,11 @@ class Boxes:
         """The same with gaps (m,) [m] on every side."""
         return Boxes(self.x, self.y, self.psi, self.length + 2 * gap, self.width + 2 * gap)
 
+    def ahead(self, way: float) -> "Boxes":
+        """The same with so much [m] more before them."""
+        along = way / 2 * np.cos(self.psi), way / 2 * np.sin(self.psi)
+        return Boxes(self.x + along[0], self.y + along[1], self.psi, self.length + way, self.width)
+
 
 class Clearance:
     """What is free of boxes, and on the road, for a vehicle that is at a pose at present.

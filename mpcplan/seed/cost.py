@@ -66,7 +66,8 @@ def trajectory_cost(
     late = np.maximum(due - after[:, Stage.S], 0.0)
     rate = rate + config.refine.speeding * over**2 + cost.late * late**2
     if cost.haste:
-        clear = last_crossing(occupancy, first_step, float(states[0, Stage.S]))
+        way = states[:, Stage.S], states[:, Stage.D]
+        clear = last_crossing(occupancy, first_step, float(way[0][0]), way)
         rate = rate + cost.haste * (after[:, Stage.S] < clear)
     total = dt * float(rate.sum())
     total += states_cost(road, states, first_step, occupancy, config, dt)

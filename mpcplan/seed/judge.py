@@ -139,7 +139,7 @@ def candidate_cost(
     due = road.due(step, profiles.v.shape[1] - 1, cost.reserve)[table.ks]
     if np.isfinite(due).any():
         rate = rate + cost.late * np.maximum(due - paths.s[:, index], 0.0) ** 2
-    rate = rate + cost.haste * (paths.s[:, index] < blocked.clear)
+    rate = rate + cost.haste * (paths.s[:, index] < blocked.clear[:, None, None])
     total = np.where(table.alive, rate, 0.0) @ table.dt
     total = total + jerked[np.arange(len(v)), table.k_end]
     return total + np.where(table.reached, 0.0, _missed(road, paths, profiles, table, config))

@@ -22,7 +22,7 @@ from mpcplan.predict.occupancy import Occupancy
 from mpcplan.road.road import Road
 from mpcplan.seed.blocked import block
 from mpcplan.seed.candidates import tight
-from mpcplan.seed.clearance import Clearance, kept_standing, on_road, standing
+from mpcplan.seed.clearance import Boxes, Clearance, kept_standing, on_road, standing
 from mpcplan.seed.lattice import reach_of
 from mpcplan.seed.paths import FrenetPose, Paths, frenet_pose
 from mpcplan.seed.profiles import Motion
@@ -41,6 +41,8 @@ SPEED = 2.0  # m/s, at which a manoeuvre is driven where steering does not ask f
 TIME = 5.0  # 1/s, its cost
 END_OFFSET, END_TURN = 2.0, 10.0  # 1/m^2, 1/rad^2: cost of not being on the reference at last
 ASTRAY = 2.0  # m, from the reference: a path that ends further off leads elsewhere
+BEFORE = 0.6  # m, kept free before who stands now, and may set off
+URGENT = 10.0  # 1/s, cost of time past who may set off
 TURN_MAX = 1.4  # rad, to the reference
 
 
@@ -65,13 +67,17 @@ def manoeuvre_seeds(
     window = occupancy.window(step, steps + 1)
     seeds: list[Seed] = []
     tried = 0
-    for others in (window, kept_standing(window)):
-        path = manoeuvre(road, pose, count, others, config)
+    held = kept_standing(window)
+    for others, boxes in ((window, standing(window)), (held, standing(held).ahead(BEFORE))):
+        path = manoeuvre(road, pose, count, boxes, config)
         if path is None:
             continue
         tried += 1
         blocked = block(others, path, tight(config), config.cost)
-        found = search(road, path, blocked, 0, motion.v, motion.a, step, config, dt)
+        hurried = config
+        if others is held:  # the vehicle must be before him by the time he could set off
+            blocked, hurried = replace(blocked, clear=np.full(1, np.inf)), _in_haste(config)
+        found = search(road, path, blocked, 0, motion.v, motion.a, step, hurried, dt)
         if found is not None:
             seed = as_seed(road, path, 0, motion.a, found, MANOEUVRE, step, dt)
             cost = seed.cost + seed_cost(seed, others, config, dt)
@@ -82,20 +88,25 @@ def manoeuvre_seeds(
     return seeds, SeedReport(MANOEUVRE, tried, len(seeds), reaching)
 
 
+def _in_haste(config: Config) -> Config:
+    """The configuration with a cost of time until a path has all behind."""
+    cost = config.cost.model_copy(update={"haste": URGENT})
+    return config.model_copy(update={"cost": cost})
+
+
 def manoeuvre(
-    road: Road, pose: FrenetPose, count: int, window: Occupancy, config: Config
+    road: Road, pose: FrenetPose, count: int, boxes: Boxes, config: Config
 ) -> Paths | None:
-    """The cheapest path clear of who stands, None where there is none.
+    """The cheapest path clear of boxes, None where there is none.
 
     Args:
         road: the road.
         pose: present pose.
         count: samples of the path, as far apart as those of the reference.
-        window: the others from now on.
+        boxes: what may not be touched.
         config: the configuration.
     """
-    present = start(pose)
-    boxes, gap = standing(window), config.seed.manoeuvre_gap
+    present, gap = start(pose), config.seed.manoeuvre_gap
     clear = Clearance(road.area, boxes, gap, present.poses(road.frame))
     layers = [present]
     goal = min((goal.s[0] for goal in road.goals if goal.s is not None), default=np.inf)

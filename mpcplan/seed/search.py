@@ -155,7 +155,7 @@ def tables_of(
     closeness = np.exp(-cost.distance_decay * (blocked.lead[path] - cost.distance_offset))
     offset = cost.lane * road.limits.lane_offset(road.frame, paths.s[path], paths.d[path]) ** 2
     late = cost.late * np.maximum(due[:, None] - paths.s[path], 0.0) ** 2
-    late += cost.haste * (paths.s[path] < blocked.clear)
+    late += cost.haste * (paths.s[path] < blocked.clear[path])
     slope = np.abs(paths.delta_slope[path])
     speed = np.interp(paths.s[path], road.frame.s, road.limits.speed)
     return Tables(

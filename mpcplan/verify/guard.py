@@ -23,6 +23,7 @@ from mpcplan.trajectory import Array, Trajectory
 from mpcplan.verify.behind import follows
 from mpcplan.verify.drivability import PASSED, Finding, check_collision, verify
 from mpcplan.verify.failsafe import braking_along, braking_tail
+from mpcplan.verify.held import held
 
 STANDS = 0.1  # m/s, slower stands
 # shares of the fail-safe deceleration that emergency braking tries
@@ -53,6 +54,10 @@ class Guard:
         near, braking = trajectory.until(step), self._config.braking
         tail = braking_along(road, trajectory, step, braking, self._dt)
         return near.then(tail if tail is not None else self.tail(road, near))
+
+    def answer(self, forecast: Forecast, plan: Trajectory) -> Forecast:
+        """The forecast if a plan is driven."""
+        return held(forecast, plan) if self._config.held else forecast
 
     @property
     def trusts(self) -> bool:
@@ -99,6 +104,7 @@ class Guard:
     ) -> Finding:
         if step < trajectory.last_step:
             trajectory = self.broken_off(trajectory, road, step)
+        forecast = self.answer(forecast, trajectory)
         behind = None
         if trusting and step < trajectory.last_step:
             state = trajectory.states[step - trajectory.first_step]
