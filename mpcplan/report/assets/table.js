@@ -125,8 +125,9 @@
     if (!told.animation) return found;
     if (told.animation.endsWith(".gif")) found.push(pictureOf(told.animation, "animation of the drive"));
     else {
-      const video = make("video", { controls: true, preload: "none", src: told.animation });
-      video.addEventListener("error", () => video.replaceWith(missing(told.animation)));
+      const video = make("video", { controls: true, preload: "metadata", src: told.animation });
+      const or = ", or this browser cannot play it";
+      video.addEventListener("error", () => video.replaceWith(missing(told.animation, or)));
       found.push(video);
     }
     return found;
@@ -138,8 +139,9 @@
     return image;
   }
 
-  function missing(source) {
-    const text = `The file ${decodeURIComponent(source)} is not there (any more), seen from this page.`;
+  function missing(source, or = "") {
+    const name = decodeURIComponent(source);
+    const text = `The file ${name} is not there (any more), seen from this page${or}.`;
     return make("p", { className: "missing" }, text);
   }
 
