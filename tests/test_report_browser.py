@@ -1,8 +1,8 @@
 """The report in a browser: a Chromium that is installed, without a window."""
 
-import shutil
 from contextlib import contextmanager
 
+import chromium
 import made_results as made
 import numpy as np
 import pytest
@@ -11,28 +11,10 @@ from PIL import Image
 from mpcplan.report.write import write_report
 from mpcplan.show.film import write_film
 
-NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-CHROMIUM = next(filter(None, map(shutil.which, NAMES)), None)
-ARGUMENTS = [
-    *("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
-    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
-]
 READY = "document.documentElement.dataset.table === 'ready'"
 DRAWN = "[...document.querySelectorAll('.figure')].every((f) => f.querySelector('.main-svg'))"
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason=f"no Chromium is installed ({', '.join(NAMES)})"),
-]
-
-
-@pytest.fixture(scope="module")
-def browser():
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    with playwright.sync_playwright() as started:
-        opened = started.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
-        yield opened
-        opened.close()
+pytestmark = chromium.MARKS
 
 
 @contextmanager
