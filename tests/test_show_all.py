@@ -98,6 +98,16 @@ def test_notes_of_several_runs_are_told_once(driven, tmp_path, capsys):
     assert len(notes) == 1 and notes[0].startswith("note      2 of them: plans of ")
 
 
+def test_scenarios_that_have_moved_are_found_in_the_folder_that_is_named(driven, tmp_path, capsys):
+    trace = driven.trace() | {"file": f"/nowhere/{GOOD}.xml"}
+    write_trace(trace, tmp_path / "traces" / f"{GOOD}.json.gz")
+    driven.write_solution(tmp_path / "solutions")
+    assert main(["show", str(tmp_path)]) == FAILED
+    assert "name it with --scenario" in capsys.readouterr().out
+    assert main(["show", str(tmp_path), "--scenario", str(SCENARIOS)]) == OK
+    assert picture_of(tmp_path, GOOD).is_file()
+
+
 class _Deadly:
     """What ends the process in which it is unpickled, as a crash in a library would."""
 
@@ -115,10 +125,12 @@ def test_a_crash_is_the_failure_of_one_run():
     ("arguments", "told"),
     [
         (["--step", "3"], "--step is for one run"),
-        (["--scenario", "x.xml"], "--scenario is for one run"),
+        (["--scenario", "nowhere"], "nowhere"),
         (["--problem", "0"], "--problem is for one run"),
         (["--animate", "film.mp4"], "of many runs expected just mp4 or gif"),
         (["--animate", "avi"], "of many runs expected just mp4 or gif"),
+        (["--animate", "gif", "--fps", "0"], "--fps 0"),
+        (["--animate", "gif", "--radius", "1"], "--radius 1: expected 10 to 500 m"),
         (["--jobs", "0"], "--jobs 0: expected at least 1"),
     ],
 )

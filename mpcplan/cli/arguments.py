@@ -148,7 +148,8 @@ def _add_show(seen: argparse.ArgumentParser) -> None:
     seen.add_argument("--problem", type=int, metavar="ID", help="of several planning problems")
     seen.add_argument(
         "--scenario", type=Path, metavar="FILE",
-        help="the run's scenario, where it is not where the trace says",
+        help="the run's scenario, where it is not where the trace says; of all runs of `bench` the "
+        "folder of their scenarios",
     )  # fmt: skip
     seen.add_argument(
         "--out", type=Path, metavar="FOLDER",

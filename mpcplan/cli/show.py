@@ -25,6 +25,7 @@ FINER = 1.5  # pixels of a picture per pixel of a film
 def show(args: argparse.Namespace) -> int:
     """Draw a run, a planning cycle, or a film of all; or every run of a benchmark."""
     os.environ.setdefault("MPLBACKEND", "Agg")
+    _check_view(args)
     if holds_traces(args.run_folder):
         return show_all(args)
     refuse(args, OF_MANY, f"is for the folder of a benchmark, and {args.run_folder} is one run")
@@ -32,6 +33,21 @@ def show(args: argparse.Namespace) -> int:
         lines = draw(args, terminal)
     print("\n".join(lines))
     return OK
+
+
+def _check_view(args: argparse.Namespace) -> None:
+    """Raises InputError for numbers with which nothing can be drawn, of one run or of many."""
+    if args.animate is not None:
+        from mpcplan.show.film import MOST_FPS
+
+        if not 0 < args.fps <= MOST_FPS:
+            raise InputError(f"--fps {args.fps:g}: expected more than 0 and at most {MOST_FPS:g}")
+    if args.radius is not None:
+        from mpcplan.show.screen import LEAST_RADIUS, MOST_RADIUS
+
+        if not LEAST_RADIUS <= args.radius <= MOST_RADIUS:
+            expected = f"expected {LEAST_RADIUS:g} to {MOST_RADIUS:g} m"
+            raise InputError(f"--radius {args.radius:g}: {expected}")
 
 
 def draw(args: argparse.Namespace, terminal: TextIO) -> list[str]:
@@ -94,10 +110,8 @@ def _cycles(run: "Run", files: "RunFiles", args: argparse.Namespace, terminal: T
 
 def _film(run: "Run", files: "RunFiles", args: argparse.Namespace, terminal: TextIO) -> list[str]:
     """All time steps, one frame each."""
-    from mpcplan.show.film import MOST_FPS, write_film
+    from mpcplan.show.film import write_film
 
-    if not 0 < args.fps <= MOST_FPS:
-        raise InputError(f"--fps {args.fps:g}: expected more than 0 and at most {MOST_FPS:g}")
     index = _drive_of(run, args.problem)
     steps = [int(step) for step in run.drives[index].trajectory.steps]
     _check_driven(run, index)
@@ -176,11 +190,7 @@ def _replan(
 def _screen(
     run: "Run", index: int, again: "Replanned", args: argparse.Namespace, finer: float = 1.0
 ) -> "Screen":
-    from mpcplan.show.screen import LEAST_RADIUS, MOST_RADIUS, Screen, usual_radius
+    from mpcplan.show.screen import Screen, usual_radius
 
-    radius = args.radius
-    if radius is None:
-        radius = usual_radius(run.drives[index])
-    elif not LEAST_RADIUS <= radius <= MOST_RADIUS:
-        raise InputError(f"--radius {radius:g}: expected {LEAST_RADIUS:g} to {MOST_RADIUS:g} m")
+    radius = usual_radius(run.drives[index]) if args.radius is None else args.radius
     return Screen(run, index, again, radius, args.labels, finer)

@@ -20,7 +20,7 @@ from mpcplan.console import bar, quiet
 from mpcplan.errors import InputError, MpcplanError
 from mpcplan.review.places import FILMS, PICTURES, TRACE, TRACES
 
-OF_ONE = ("step", "problem", "scenario")
+OF_ONE = ("step", "problem")
 """Options that make no sense for many runs."""
 OF_MANY = ("failed", "again", "jobs")
 """Options that make no sense for one."""
@@ -59,12 +59,14 @@ def show_all(args: argparse.Namespace) -> int:
     with quiet() as terminal:
         suffix = _suffix(args.animate)
         traces = _traces(args.run_folder, args.failed)
+        scenarios = _scenarios(args.scenario)
         films = args.animate is not None
         folder = made_folder(args.out or args.run_folder / (FILMS if films else PICTURES))
         files = {folder / f"{name}{suffix}": trace for name, trace in traces.items()}
         todo = {file: trace for file, trace in files.items() if args.again or not file.exists()}
         found: dict[str, Drawn] = {}
-        with bar(terminal, len(todo), "drawing") as done, _drawing(todo, args) as drawn:
+        runs = [_of_one(args, trace, file, scenarios) for file, trace in todo.items()]
+        with bar(terminal, len(runs), "drawing") as done, _drawing(runs, args.jobs) as drawn:
             for name, one in drawn:
                 found[name] = one
                 done()
@@ -103,30 +105,45 @@ def _traces(folder: Path, failed: bool) -> dict[str, Path]:
     return {name: path for name, path in found.items() if name in kept}
 
 
+def _scenarios(folder: Path | None) -> Mapping[str, Path]:
+    """The scenarios in a folder by their ids; none where the user names no folder."""
+    if folder is None:
+        return {}
+    from mpcplan.bench.find import benchmark_id, find_scenarios
+
+    return {benchmark_id(path): path for path in find_scenarios([folder]).values()}
+
+
+def _of_one(
+    args: argparse.Namespace, trace: Path, file: Path, scenarios: Mapping[str, Path]
+) -> argparse.Namespace:
+    """The arguments of `show` for one of the runs, which is to be drawn into a file."""
+    given = {name: value for name, value in vars(args).items() if name != "run"} | {
+        "run_folder": trace,
+        "animate": file if args.animate is not None else None,
+        "out": file.parent,
+        "scenario": scenarios.get(file.stem),
+    }
+    return argparse.Namespace(**given)
+
+
 @contextmanager
 def _drawing(
-    todo: Mapping[Path, Path], args: argparse.Namespace
+    runs: Sequence[argparse.Namespace], jobs: int | None
 ) -> Iterator[Iterator[tuple[str, Drawn]]]:
     """Yields the runs as they are finished, by their scenarios' ids."""
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(list(_LOADED))
-    with ThreadPoolExecutor(args.jobs or 1) as threads:
+    with ThreadPoolExecutor(jobs or 1) as threads:
         futures = {
-            threads.submit(_apart, context, _of_one(args, trace, file)): file.stem
-            for file, trace in todo.items()
+            threads.submit(_apart, context, run): run.run_folder.name.removesuffix(TRACE)
+            for run in runs
         }
         try:
             yield ((futures[future], future.result()) for future in as_completed(futures))
         except BaseException:  # interrupted: what has not begun shall not begin
             threads.shutdown(wait=False, cancel_futures=True)
             raise
-
-
-def _of_one(args: argparse.Namespace, trace: Path, file: Path) -> argparse.Namespace:
-    """The arguments of `show` for one of the runs."""
-    animate = file if args.animate is not None else None
-    given = {**vars(args), "run_folder": trace, "animate": animate, "out": file.parent}
-    return argparse.Namespace(**{name: given[name] for name in given if name != "run"})
 
 
 def _apart(context: ForkServerContext, args: argparse.Namespace) -> Drawn:
