@@ -15,6 +15,7 @@ import fake_worker
 import pytest
 
 from mpcplan.bench import bench, compare, summary
+from mpcplan.bench.cells import with_cells
 from mpcplan.bench.comparison import read_results
 from mpcplan.bench.find import benchmark_id, find_scenarios
 from mpcplan.bench.job import Job, worker_command
@@ -305,6 +306,28 @@ def test_worker_makes_a_row_of_a_planner_that_is_not_there(tmp_path):
     cells = json.loads(row.read_text())
     assert (cells["status"], cells["planner"]) == ("bad_input", "no.such:Thing")
     assert "no.such:Thing" in cells["cause"]
+
+
+def test_a_valid_row_without_a_cost_says_why(tmp_path, monkeypatch):
+    """The official evaluator fails on some valid solutions, which have no TR1 then."""
+    from mpcplan.score import official
+
+    def outside(case):
+        raise ValueError("outside of the projection domain")
+
+    monkeypatch.setattr(official, "partial_costs", outside)  # the judging child is a fork
+    (tmp_path / "config.yaml").write_text("")
+    scenario = Path(__file__).parents[1] / "scenarios" / "ZAM_FreeRoad-1_1_T-1.xml"
+    files = tmp_path, tmp_path / "row.json", tmp_path / "config.yaml"
+    row = Worker(scenario, *files, bound=True).work()
+    assert (row["status"], row["valid"], row["TR1"], row["cause"]) == ("solved", True, "", "")
+    assert row["notes"] == "no cost: ValueError: outside of the projection domain"
+    assert row["bound_by"] == "no bound: the run has no cost"
+
+
+def test_notes_are_added_to_each_other():
+    row = with_cells({"notes": "", "cycles": 1}, {"notes": "a repair"}, {}, {"notes": "no cost"})
+    assert row == {"notes": "a repair; no cost", "cycles": 1}
 
 
 def test_worker_that_is_asked_to_end_says_how_far_it_came(tmp_path, monkeypatch):

@@ -1,41 +1,25 @@
 """The report in a browser: a Chromium that is installed, without a window."""
 
-import shutil
+from contextlib import contextmanager
 
+import chromium
 import made_results as made
+import numpy as np
 import pytest
+from PIL import Image
 
 from mpcplan.report.write import write_report
+from mpcplan.show.film import write_film
 
-NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-CHROMIUM = next(filter(None, map(shutil.which, NAMES)), None)
-ARGUMENTS = [
-    *("--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"),
-    *("--disable-background-networking", "--disable-component-update", "--disable-sync"),
-]
 READY = "document.documentElement.dataset.table === 'ready'"
 DRAWN = "[...document.querySelectorAll('.figure')].every((f) => f.querySelector('.main-svg'))"
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(CHROMIUM is None, reason=f"no Chromium is installed ({', '.join(NAMES)})"),
-]
+pytestmark = chromium.MARKS
 
 
-@pytest.fixture(scope="module")
-def browser():
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
-    with playwright.sync_playwright() as started:
-        opened = started.chromium.launch(executable_path=CHROMIUM, args=ARGUMENTS)
-        yield opened
-        opened.close()
-
-
-@pytest.fixture
-def page(browser, tmp_path):
-    """The report of two runs, loaded; the test fails where the console told an error."""
-    out = tmp_path / "r.html"
-    write_report(made.two_runs(tmp_path), out)
+@contextmanager
+def opened(browser, out, beside=()):
+    """A report, loaded; fails where the console told an error, or more than this was loaded."""
     errors, asked = [], []
     shown = browser.new_page()
     shown.on("console", lambda told: errors.append(told.text) if told.type == "error" else None)
@@ -46,7 +30,17 @@ def page(browser, tmp_path):
     yield shown
     shown.close()
     assert errors == []
-    assert [url for url in asked if not url.startswith(("data:", "blob:"))] == [out.as_uri()]
+    asked = {url for url in asked if not url.startswith(("data:", "blob:"))}
+    assert asked == {out.as_uri(), *(path.as_uri() for path in beside)}
+
+
+@pytest.fixture
+def page(browser, tmp_path):
+    """The report of two runs without pictures, which loads nothing but itself."""
+    out = tmp_path / "r.html"
+    write_report(made.two_runs(tmp_path), out)
+    with opened(browser, out) as shown:
+        yield shown
 
 
 def _column(page, label: str) -> list[str]:
@@ -101,3 +95,50 @@ def test_counts_lead_to_their_scenarios_and_rows_open(page):
     assert "the goal was not reached at step 30" in told and "no picture" in told
     page.locator("#rows tr.open .open-row").click()
     assert page.locator("#rows tr.detail").count() == 0
+
+
+@pytest.fixture
+def seen(tmp_path):
+    """Two runs; the first has a picture and a film of scenario 1, as `show` makes them."""
+    folders = made.two_runs(tmp_path)
+    picture = folders[0] / "pictures" / f"{made.id_of(1)}.png"
+    film = folders[0] / "animations" / f"{made.id_of(1)}.mp4"
+    for path in (picture, film):
+        path.parent.mkdir()
+    frame = np.full((120, 160, 3), 200, np.uint8)
+    Image.fromarray(frame).save(picture)
+    write_film([frame] * 10, film, 10.0, [frame])
+    return folders, picture, film
+
+
+@pytest.mark.parametrize("embed", [False, True])
+def test_a_row_shows_its_picture_and_plays_its_film(browser, seen, tmp_path, embed):
+    out = tmp_path / "r.html"
+    folders, picture, film = seen
+    write_report(folders, out, embed=embed)
+    with opened(browser, out, [film] if embed else [picture, film]) as page:
+        page.locator("#rows tr.row .open-row").first.click()
+        image = page.locator("tr.detail img")
+        image.evaluate("image => image.decode()")
+        assert image.evaluate("image => image.naturalWidth") == 160
+        assert image.get_attribute("src").startswith("data:" if embed else "first/pictures/")
+        page.wait_for_function("document.querySelector('video').readyState > 0")
+        assert page.locator("video").evaluate("film => film.duration") == pytest.approx(1.0)
+        page.locator("video").evaluate("film => { film.muted = true; return film.play(); }")
+        page.wait_for_function("document.querySelector('video').currentTime > 0.2")
+
+
+def test_files_that_are_gone_are_told(browser, seen, tmp_path):
+    out = tmp_path / "r.html"
+    folders, *files = seen
+    write_report(folders, out)
+    for path in files:
+        path.unlink()
+    page = browser.new_page()  # whose console tells the missing files as errors
+    page.goto(out.as_uri())
+    page.locator("#rows tr.row .open-row").first.click()
+    gone = page.locator("tr.detail .missing", has_text="is not there (any more)")
+    gone.nth(1).wait_for()
+    told = gone.all_inner_texts()
+    assert [path.name in text for path, text in zip(files, told, strict=True)] == [True, True]
+    page.close()

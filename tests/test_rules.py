@@ -614,7 +614,7 @@ def test_what_goes_wrong_is_a_note_and_nothing_more(monkeypatch, capsys):
 
     monkeypatch.setattr(rules_of_runs, "rules_of", broken)
     run = SimpleNamespace(driven=True, notes=("a repair",))
-    assert rules_cells(run) == {"notes": "a repair; rules not judged: ValueError: no number"}
+    assert rules_cells(run) == {"notes": "rules not judged: ValueError: no number"}
     assert solve.rules_told(run) == ((), ["rules     not judged: ValueError: no number"])
     assert "ValueError" in capsys.readouterr().err
 

@@ -18,6 +18,14 @@ _DIGITS_MS = 3
 _DIGITS_RULES = 3
 
 
+def with_cells(row: Row, *more: Row) -> Row:
+    """The row with more cells; notes are added to those that it has."""
+    notes = [str(one["notes"]) for one in (row, *more) if one.get("notes")]
+    for cells in more:
+        row = row | cells
+    return row | {"notes": "; ".join(notes)}
+
+
 def run_cells(run: "Run") -> Row:
     """Cycles, the times of planning and of the simulation, and notes."""
     cells: Row = {"cycles": len(run.planning_ms), "notes": "; ".join(run.notes)}
@@ -38,8 +46,7 @@ def rules_cells(run: "Run") -> Row:
         found = together(rules_of(run))
     except Exception as error:
         traceback.print_exc()
-        told = f"rules not judged: {type(error).__name__}: {error}"
-        return {"notes": "; ".join((*run.notes, told))}
+        return {"notes": f"rules not judged: {type(error).__name__}: {error}"}
     cells: Row = {"R_G1_kept": found.kept}
     for name, rule in (("R_G1", found.safe_distance), ("R_G4", found.traffic_flow)):
         if rule.step is not None:
@@ -90,9 +97,9 @@ def bound_cells(run: "Run", judgement: "Judgement", folder: Path) -> Row:
 
 
 def verdict_cells(verdict: Verdict) -> Row:
-    """The checks and the cost."""
+    """The checks and the cost, or a note on why there is none."""
     cells: Row = {**verdict.checks, "duration_s": round(verdict.duration_s, 3)}
-    if verdict.parts is not None:
-        cells |= {part: verdict.parts[part] for part in PARTS}
-        cells |= {"TR1": verdict.tr1, "TR1_report": verdict.tr1_report}
-    return cells
+    if verdict.parts is None:
+        return cells | {"notes": f"no cost: {verdict.cost_error}"}
+    cells |= {part: verdict.parts[part] for part in PARTS}
+    return cells | {"TR1": verdict.tr1, "TR1_report": verdict.tr1_report}

@@ -24,7 +24,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mpcplan.bench.cells import bound_cells, judgement_cells, rules_cells, run_cells
+from mpcplan.bench.cells import bound_cells, judgement_cells, rules_cells, run_cells, with_cells
 from mpcplan.bench.files import write_whole
 from mpcplan.bench.find import benchmark_id, kind_of
 from mpcplan.bench.job import OWN_PLANNER
@@ -84,12 +84,12 @@ class Worker:
 
         run = drive(loaded, config, self._progress, **self._foreign())
         row = self._row("not_solved") | {"scenario": loaded.id}
-        row |= run_cells(run) | rules_cells(run)
+        row = with_cells(row, run_cells(run), rules_cells(run))
         row["peak_mb"] = round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024, 1)
         write_trace(run.trace(), self._out / "traces" / f"{loaded.id}.json.gz")
         self._keep_candidate(run, row)
         judgement = _judge(run, self._out / "solutions")
-        row |= judgement_cells(run, judgement)
+        row = with_cells(row, judgement_cells(run, judgement))
         if not row["valid"]:
             from mpcplan.road.passable import fault_of
 

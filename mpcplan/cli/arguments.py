@@ -123,15 +123,19 @@ def _add_config(command: argparse.ArgumentParser) -> None:
 
 def _add_show(seen: argparse.ArgumentParser) -> None:
     seen.add_argument(
-        "run_folder", type=Path, metavar="RUN", help="folder of `solve`, or a trace of `bench`"
-    )
+        "run_folder", type=Path, metavar="RUN",
+        help="folder of `solve`, a trace of `bench`, or the folder of `bench` for all its runs",
+    )  # fmt: skip
     what = seen.add_mutually_exclusive_group()
     what.add_argument(
         "--step", metavar="K",
         help="a picture of this time step with all that was planned; FIRST:LAST:STRIDE or 'all' "
         "(planning cycles) for a series",
     )  # fmt: skip
-    what.add_argument("--animate", type=Path, metavar="FILE", help="a film: FILE.mp4 or FILE.gif")
+    what.add_argument(
+        "--animate", type=Path, metavar="FILE",
+        help="a film: FILE.mp4 or FILE.gif; of all runs of `bench` just mp4 or gif",
+    )  # fmt: skip
     seen.add_argument(
         "--fps", type=float, default=10.0, metavar="N",
         help="frames per second of the film, one per time step of 0.1 s: 10 is real time (10)",
@@ -144,12 +148,17 @@ def _add_show(seen: argparse.ArgumentParser) -> None:
     seen.add_argument("--problem", type=int, metavar="ID", help="of several planning problems")
     seen.add_argument(
         "--scenario", type=Path, metavar="FILE",
-        help="the run's scenario, where it is not where the trace says",
+        help="the run's scenario, where it is not where the trace says; of all runs of `bench` the "
+        "folder of their scenarios",
     )  # fmt: skip
     seen.add_argument(
         "--out", type=Path, metavar="FOLDER",
         help="folder for pictures (default: the run's own; of bench, its folder 'pictures')",
     )  # fmt: skip
+    many = seen.add_argument_group("for all runs of a benchmark")
+    many.add_argument("--failed", action="store_true", help="those without a valid solution only")
+    many.add_argument("--again", action="store_true", help="also those that are drawn already")
+    many.add_argument("--jobs", type=int, metavar="N", help="runs at a time (default: 1)")
 
 
 def _add_bench(bench: argparse.ArgumentParser) -> None:

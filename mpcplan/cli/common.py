@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from mpcplan.config import Config
 
 OK, FAILED, BAD_INPUT, INTERNAL, INTERRUPTED = 0, 1, 2, 3, 130
+NOTE = "note"  # name of a line that tells what a user should know of a result
 
 
 def configured(args: argparse.Namespace) -> "Config":
@@ -43,3 +44,8 @@ def made_folder(folder: Path) -> Path:
     if not os.access(folder, os.W_OK):
         raise InputError(f"cannot write to the folder {folder}")
     return folder
+
+
+def line(name: str, what: object) -> str:
+    """A line of output: the name of what is told, in a column of its own, and what there is."""
+    return f"{name:<10}{what}"

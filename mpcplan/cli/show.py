@@ -1,11 +1,13 @@
 """show: what a run did, as pictures and as a film."""
 
 import argparse
+import io
 import os
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, TextIO
 
-from mpcplan.cli.common import OK, made_folder
+from mpcplan.cli.common import NOTE, OK, line, made_folder
+from mpcplan.cli.show_all import OF_MANY, holds_traces, refuse, show_all
 from mpcplan.console import bar, quiet
 from mpcplan.errors import InputError
 
@@ -21,32 +23,56 @@ FINER = 1.5  # pixels of a picture per pixel of a film
 
 
 def show(args: argparse.Namespace) -> int:
-    """Draw a run, a planning cycle, or a film of all."""
+    """Draw a run, a planning cycle, or a film of all; or every run of a benchmark."""
     os.environ.setdefault("MPLBACKEND", "Agg")
+    _check_view(args)
+    if holds_traces(args.run_folder):
+        return show_all(args)
+    refuse(args, OF_MANY, f"is for the folder of a benchmark, and {args.run_folder} is one run")
     with quiet() as terminal:
-        if args.animate is not None:
-            from mpcplan.show.film import check_kind
-
-            check_kind(args.animate)
-        from mpcplan.review.again import run_again
-        from mpcplan.review.files import find_files
-
-        files = find_files(args.run_folder, args.scenario)
-        run = run_again(files)
-        if args.animate is not None:
-            lines = _film(run, files, args, terminal)
-        elif args.step is not None:
-            lines = _cycles(run, files, args, terminal)
-        else:
-            lines = _whole(run, files, args, terminal)
+        lines = draw(args, terminal)
     print("\n".join(lines))
     return OK
+
+
+def _check_view(args: argparse.Namespace) -> None:
+    """Raises InputError for numbers with which nothing can be drawn, of one run or of many."""
+    if args.animate is not None:
+        from mpcplan.show.film import MOST_FPS
+
+        if not 0 < args.fps <= MOST_FPS:
+            raise InputError(f"--fps {args.fps:g}: expected more than 0 and at most {MOST_FPS:g}")
+    if args.radius is not None:
+        from mpcplan.show.screen import LEAST_RADIUS, MOST_RADIUS
+
+        if not LEAST_RADIUS <= args.radius <= MOST_RADIUS:
+            expected = f"expected {LEAST_RADIUS:g} to {MOST_RADIUS:g} m"
+            raise InputError(f"--radius {args.radius:g}: {expected}")
+
+
+def draw(args: argparse.Namespace, terminal: TextIO) -> list[str]:
+    """Draw one run; returns what is to be said of it: files, then notes."""
+    if args.animate is not None:
+        from mpcplan.show.film import check_kind
+
+        check_kind(args.animate)
+    from mpcplan.review.again import run_again
+    from mpcplan.review.files import find_files
+
+    files = find_files(args.run_folder, args.scenario)
+    run = run_again(files)
+    if args.animate is not None:
+        return _film(run, files, args, terminal)
+    if args.step is not None:
+        return _cycles(run, files, args, terminal)
+    return _whole(run, files, args, terminal)
 
 
 def _whole(run: "Run", files: "RunFiles", args: argparse.Namespace, terminal: TextIO) -> list[str]:
     """The picture that `solve` draws."""
     from dataclasses import replace
 
+    from mpcplan.bench.files import write_whole, writing_to
     from mpcplan.cli.solve import rules_told
     from mpcplan.review.replan import with_plans
     from mpcplan.show.plots import plot_run
@@ -55,8 +81,11 @@ def _whole(run: "Run", files: "RunFiles", args: argparse.Namespace, terminal: Te
     again = [_replan(run, index, files, None, terminal) for index in range(len(run.drives))]
     drives = tuple(with_plans(*pair) for pair in zip(run.drives, again, strict=True))
     run = replace(run, drives=drives)
-    plot_run(run, picture, rules_told(run)[0])
-    return [_line("picture", picture), *(_line("note", a.missing) for a in again if a.missing)]
+    image = io.BytesIO()
+    plot_run(run, rules=rules_told(run)[0]).savefig(image, format="png")
+    with writing_to(picture.parent):  # whole or not at all: what is there is not drawn again
+        write_whole(picture, image.getvalue())
+    return [line("picture", picture), *(line(NOTE, a.missing) for a in again if a.missing)]
 
 
 def _cycles(run: "Run", files: "RunFiles", args: argparse.Namespace, terminal: TextIO) -> list[str]:
@@ -74,17 +103,15 @@ def _cycles(run: "Run", files: "RunFiles", args: argparse.Namespace, terminal: T
             of = f".problem{run.drives[index].problem_id}" if len(run.drives) > 1 else ""
             path = folder / f"{run.loaded.id}{of}.step{step:04d}.png"
             Image.fromarray(screen.draw(step)).save(path)
-            lines.append(_line("" if lines else "picture", path))
+            lines.append(line("" if lines else "picture", path))
             done()
-    return lines + ([_line("note", again.missing)] if again.missing else [])
+    return lines + ([line(NOTE, again.missing)] if again.missing else [])
 
 
 def _film(run: "Run", files: "RunFiles", args: argparse.Namespace, terminal: TextIO) -> list[str]:
     """All time steps, one frame each."""
-    from mpcplan.show.film import MOST_FPS, write_film
+    from mpcplan.show.film import write_film
 
-    if not 0 < args.fps <= MOST_FPS:
-        raise InputError(f"--fps {args.fps:g}: expected more than 0 and at most {MOST_FPS:g}")
     index = _drive_of(run, args.problem)
     steps = [int(step) for step in run.drives[index].trajectory.steps]
     _check_driven(run, index)
@@ -101,8 +128,8 @@ def _film(run: "Run", files: "RunFiles", args: argparse.Namespace, terminal: Tex
     typical = [screen.draw(step) for step in (steps[0], steps[len(steps) // 2], steps[-1])]
     write_film(frames(), args.animate, args.fps, typical)
     told = f"{len(steps)} frames, {len(steps) / args.fps:.1f} s"
-    notes = [_line("note", again.missing)] if again.missing else []
-    return [_line("film", f"{args.animate} ({told})"), *notes]
+    notes = [line(NOTE, again.missing)] if again.missing else []
+    return [line("film", f"{args.animate} ({told})"), *notes]
 
 
 def steps_of(text: str, run: "Run", index: int) -> list[int]:
@@ -163,15 +190,7 @@ def _replan(
 def _screen(
     run: "Run", index: int, again: "Replanned", args: argparse.Namespace, finer: float = 1.0
 ) -> "Screen":
-    from mpcplan.show.screen import LEAST_RADIUS, MOST_RADIUS, Screen, usual_radius
+    from mpcplan.show.screen import Screen, usual_radius
 
-    radius = args.radius
-    if radius is None:
-        radius = usual_radius(run.drives[index])
-    elif not LEAST_RADIUS <= radius <= MOST_RADIUS:
-        raise InputError(f"--radius {radius:g}: expected {LEAST_RADIUS:g} to {MOST_RADIUS:g} m")
+    radius = usual_radius(run.drives[index]) if args.radius is None else args.radius
     return Screen(run, index, again, radius, args.labels, finer)
-
-
-def _line(name: str, what: object) -> str:
-    return f"{name:<10}{what}"

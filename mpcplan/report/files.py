@@ -11,10 +11,11 @@ from pathlib import Path
 from urllib.parse import quote
 
 from mpcplan.report.read import Results
+from mpcplan.review.places import FILMS, PICTURES, SOLUTIONS, TRACE, TRACES
 
-PICTURES = (".png", ".webp", ".jpg", ".svg")
+IMAGES = (".png", ".webp", ".jpg", ".svg")
 ANIMATIONS = (".mp4", ".webm", ".gif")
-_PLACES = ("", "pictures", "solutions", "animations")
+_PLACES = ("", PICTURES, SOLUTIONS, FILMS)
 """Folders of the results in which a picture may lie, besides one of the scenario's own."""
 
 _EMBEDDED_WIDTH = 900  # pixels
@@ -42,10 +43,10 @@ def files_of(run: Results, scenario: str) -> Files:
     """What there is of a scenario in the folder of its run."""
     folder = run.folder
     places = [folder / scenario, *(folder / place for place in _PLACES)]
-    traces = [folder / "traces" / f"{scenario}.json.gz", folder / scenario / "trace.json"]
+    traces = [folder / TRACES / f"{scenario}{TRACE}", folder / scenario / "trace.json"]
     names = (f"solution_KS1:TR1:{scenario}:2020a.xml",)
     return Files(
-        picture=_first(place / f"{scenario}{end}" for end in PICTURES for place in places),
+        picture=_first(place / f"{scenario}{end}" for end in IMAGES for place in places),
         animation=_first(place / f"{scenario}{end}" for end in ANIMATIONS for place in places),
         solution=_first(place / name for name in names for place in places),
         trace=_first(iter(traces)),

@@ -24,6 +24,7 @@ from mpcplan.report.tables import RULES, Table
 from mpcplan.report.traces import stage_table, stage_times
 
 _FOLDER = Path(__file__).parent / "assets"
+_COUNTS = "Counts lead to the scenarios."
 _SCATTERS = 6  # pairs of runs whose costs are drawn against each other
 
 
@@ -38,6 +39,7 @@ class Section:
         tables: with a caption each.
         figures: in their order.
         missing: why there is nothing, where there is nothing.
+        hint: what a click does, which a printed page does not tell.
     """
 
     id: str
@@ -46,6 +48,7 @@ class Section:
     tables: tuple[tuple[str, Table], ...]
     figures: tuple[go.Figure, ...]
     missing: str = ""
+    hint: str = ""
 
 
 def page_of(
@@ -127,10 +130,7 @@ def _summary(runs: Sequence[Results]) -> Section:
 
 def _against(runs: Sequence[Results], picks: Picks) -> Section:
     found = coverage.pairs_of(runs)
-    title, text = (
-        "Against each other",
-        "Counts lead to the scenarios. TR1 is compared where both have one.",
-    )
+    title, text = "Against each other", "TR1 is compared where both have one."
     covered = picks.of_pairs(coverage.coverage(found), found)
     if not any(pair.common for pair in found):
         return Section("against", title, "", (), (), "The runs have no scenario in common.")
@@ -147,13 +147,13 @@ def _against(runs: Sequence[Results], picks: Picks) -> Section:
         ("Solved, of the scenarios in common", covered),
         ("TR1 on the scenarios that both solved", coverage.costs(found) if drawn else None),
     )
-    return Section("against", title, text, shown, figures)
+    return Section("against", title, text, shown, figures, hint=_COUNTS)
 
 
 def _maps(runs: Sequence[Results], picks: Picks) -> Section:
     shown = _captioned(("", picks.of_maps(tables.maps(runs))))
-    text = "TR1 is over each run's own valid solutions. A map's name leads to its scenarios."
-    return Section("maps", "By map", text, shown, ())
+    text, hint = "TR1 is over each run's own valid solutions.", "A map leads to its scenarios."
+    return Section("maps", "By map", text, shown, (), hint=hint)
 
 
 def _costs(runs: Sequence[Results]) -> Section:
@@ -191,9 +191,9 @@ def _times(runs: Sequence[Results], rows: Sequence[Row]) -> Section:
 def _causes(runs: Sequence[Results], picks: Picks) -> Section:
     found = causes(runs)
     shown = _captioned(("", picks.causes(found) if found else None))
-    text = "Causes that differ in numbers only are one. Counts lead to the scenarios."
     missing = "" if found else "Every scenario is solved."
-    return Section("causes", "What was not solved", text if found else "", shown, (), missing)
+    text, hint = ("Causes that differ in numbers only are one.", _COUNTS) if found else ("", "")
+    return Section("causes", "What was not solved", text, shown, (), missing, hint)
 
 
 def _rules(runs: Sequence[Results]) -> Section:

@@ -18,6 +18,7 @@ ALL = "all"
 NOTHING = "-"
 _P90 = 90
 _DENSE = 13  # columns that have room beside each other
+_SHORT = 20  # rows that fit on a printed page together with a heading
 Statistic = Callable[[Sequence[float]], float]
 _MAP_FIGURES: tuple[tuple[str, Statistic], ...] = (
     ("TR1 mean", statistics.fmean),
@@ -54,6 +55,11 @@ class Table:
     def dense(self) -> bool:
         """Whether there are so many columns that they must stand close together."""
         return len(self.head) > _DENSE
+
+    @property
+    def short(self) -> bool:
+        """Whether it can be kept on one printed page."""
+        return len(self.rows) <= _SHORT
 
     @property
     def starts(self) -> set[int]:

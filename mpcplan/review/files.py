@@ -10,9 +10,9 @@ from pathlib import Path
 
 from mpcplan.errors import InputError
 from mpcplan.explain.read import Trace, read_trace, trace_file
+from mpcplan.review.places import PICTURES, SOLUTIONS, TRACES
 from mpcplan.scenario import LoadedScenario, load
 
-TRACES, SOLUTIONS, PICTURES = "traces", "solutions", "pictures"  # folders of a benchmark
 SIMULATED = ".simulated.cr.xml"
 
 

@@ -1,4 +1,5 @@
-// The table of scenarios: sorted by its headings, filtered, its rows opened by a click.
+// The table of scenarios: sorted by its headings, filtered, its rows opened by a click. On paper it
+// has all rows that are chosen, and under those that failed the cause.
 (function () {
   "use strict";
   const PAGE = 200; // rows shown at once, until all are asked for
@@ -6,7 +7,7 @@
   const byId = (id) => document.getElementById(id);
   const data = JSON.parse(byId("table-data").textContent);
   const columns = data.columns;
-  const state = { sort: null, falling: false, search: "", choices: new Map(), pick: null, all: false };
+  const state = { sort: null, falling: false, search: "", choices: new Map(), pick: null, all: false, paper: false };
   const open = new Set();
   const statusAt = columns.findIndex((column) => column.label === "status");
   const scenarioAt = columns.findIndex((column) => column.label === "scenario");
@@ -50,23 +51,43 @@
 
   function draw() {
     const found = chosen();
-    const shown = state.all ? found : found.slice(0, PAGE);
+    const shown = state.all || state.paper ? found : found.slice(0, PAGE);
     const body = document.createDocumentFragment();
     for (const index of shown) {
       body.append(rowOf(index));
       if (open.has(index)) body.append(detailOf(index));
+      else if (state.paper && failed(index)) body.append(causeOf(index));
     }
     byId("rows").tBodies[0].replaceChildren(body);
     const total = data.rows.length;
     const cut = shown.length < found.length ? `, the first ${shown.length} of them shown` : "";
     byId("count").textContent = `${found.length} of ${total} rows${cut}`;
     byId("more").hidden = !cut;
+    byId("chosen").textContent = choiceInWords();
     byId("picked").hidden = state.pick === null;
     byId("picked").textContent = state.pick === null ? "" : data.picks[state.pick].label;
     byId("rows").querySelectorAll("th").forEach((head) => {
       if (Number(head.dataset.column) !== state.sort) head.removeAttribute("aria-sort");
       else head.setAttribute("aria-sort", state.falling ? "descending" : "ascending");
     });
+  }
+
+  function failed(index) {
+    return data.rows[index][statusAt] !== "solved";
+  }
+
+  // What the reader of a printed page cannot see in the filters.
+  function choiceInWords() {
+    const words = [...state.choices].map(([at, value]) => `${columns[at].label} ${value}`);
+    if (state.search.trim()) words.push(`with the words “${state.search.trim()}”`);
+    if (state.pick !== null) words.push(data.picks[state.pick].label);
+    if (state.sort !== null) words.push(`by ${columns[state.sort].label}${state.falling ? ", falling" : ""}`);
+    return words.length ? `Chosen: ${words.join("; ")}` : "";
+  }
+
+  function causeOf(index) {
+    const cell = make("td", { colSpan: columns.length }, data.details[index].cause || "no cause is known");
+    return make("tr", { className: "why" }, cell);
   }
 
   function rowOf(index) {
@@ -84,7 +105,7 @@
       } else cell.textContent = textOf(value, column);
       row.append(cell);
     });
-    if (data.rows[index][statusAt] !== "solved") row.classList.add("failed");
+    if (failed(index)) row.classList.add("failed");
     if (open.has(index)) row.classList.add("open");
     return row;
   }
@@ -105,7 +126,7 @@
     if (told.words) {
       const lines = told.words.split("\n").map((line) => make("span", { className: "line" }, line));
       cell.append(make("pre", {}, ...lines));
-    } else cell.append(make("p", { className: "missing" }, "There is no trace of this run."));
+    } else cell.append(make("p", { className: "missing on-screen" }, "There is no trace of this run."));
     cell.append(...mediaOf(told));
     return make("tr", { className: "detail" }, cell);
   }
@@ -121,25 +142,27 @@
     const found = [];
     const picture = told.embedded || told.picture;
     if (picture) found.push(pictureOf(picture, "picture of the drive"));
-    else found.push(make("p", { className: "missing" }, "There is no picture of this run."));
+    else found.push(make("p", { className: "missing on-screen" }, "There is no picture of this run."));
     if (!told.animation) return found;
-    if (told.animation.endsWith(".gif")) found.push(pictureOf(told.animation, "animation of the drive"));
+    if (told.animation.endsWith(".gif")) found.push(pictureOf(told.animation, "animation of the drive", "film"));
     else {
-      const video = make("video", { controls: true, preload: "none", src: told.animation });
-      video.addEventListener("error", () => video.replaceWith(missing(told.animation)));
+      const video = make("video", { controls: true, preload: "metadata", src: told.animation });
+      const or = ", or this browser cannot play it";
+      video.addEventListener("error", () => video.replaceWith(missing(told.animation, or)));
       found.push(video);
     }
     return found;
   }
 
-  function pictureOf(source, what) {
-    const image = make("img", { alt: what, src: source });
+  function pictureOf(source, what, kind = "picture") {
+    const image = make("img", { alt: what, src: source, className: kind });
     image.addEventListener("error", () => image.replaceWith(missing(source)));
     return image;
   }
 
-  function missing(source) {
-    const text = `The file ${decodeURIComponent(source)} is not there (any more), seen from this page.`;
+  function missing(source, or = "") {
+    const name = decodeURIComponent(source);
+    const text = `The file ${name} is not there (any more), seen from this page${or}.`;
     return make("p", { className: "missing" }, text);
   }
 
@@ -211,6 +234,14 @@
       byId("scenarios").scrollIntoView();
     });
   });
+
+  function paper(printed) {
+    state.paper = printed;
+    draw();
+  }
+
+  window.addEventListener("beforeprint", () => paper(true));
+  window.addEventListener("afterprint", () => paper(false));
 
   heads();
   choices();
