@@ -3,9 +3,10 @@
 A forecast is made before there is a plan. Who is slow at present drives on as he is guessed to, but
 no faster than Krauss' model allows (:mod:`mpcplan.predict.following`) with the plan's body as an
 obstacle that stands wherever it is in his way at a time step; when it is gone he goes on with what
-is left of his guessed way. Who stands behind him is as late as he is. Whether all this leaves room
-is for verification to say, and whoever does not stop after all is seen not to: then the plan is
-broken off.
+is left of his guessed way. Who is past the body, but still within reach of where he stood, is taken
+to stand as well, which is the worst for a plan behind him. Who stands behind him is as late as he
+is. Whether all this leaves room is for verification to say, and whoever does not stop after all is
+seen not to: then the plan is broken off.
 """
 
 from dataclasses import replace
@@ -19,7 +20,7 @@ from mpcplan.verify.drivability import separation
 CREEPS = 2.0  # m/s, who is slower answers
 REACH = 8.0  # m, of his way that must be free,
 SPACING = 0.5  # m, looked at where boxes on it are this far apart
-GAP = 0.3  # m, kept to the body at least,
+GAP = 0.5  # m, kept to the body, less half a spacing,
 HEADWAY = 0.2  # s, in this time,
 BRAKING, HARDEST = 4.5, 9.0  # m/s^2, counted on and possible
 NEAR = 3.0  # m, who will come this near to the place of another one,
@@ -55,10 +56,10 @@ def _late(states: Array, boxes: Array, slow: Array, dt: float) -> dict[int, Arra
     found = {}
     for row in np.flatnonzero(slow & (np.nanmax(way, axis=1, initial=0.0) > SPACING)).tolist():
         until = int(np.isfinite(way[row]).sum())  # other hypotheses end sooner
-        low, high = _taken(states[:until], boxes[row, :until], way[row, :until])
-        if not np.isfinite(low).any():
+        taken = _taken(states[:until], boxes[row, :until], way[row, :until])
+        if not np.isfinite(taken).any():
             continue
-        index = _answer(way[row, :until], low, high, dt)
+        index = _answer(way[row, :until], taken, dt)
         if (index < np.arange(until)).any():
             more = index[-1] + np.arange(1, count - until + 1)
             found[row] = np.minimum(np.concatenate([index, more]), count - 1)
@@ -72,29 +73,27 @@ def _distance(boxes: Array, places: Array) -> Array:
     return found
 
 
-def _taken(states: Array, boxes: Array, way: Array) -> tuple[Array, Array]:
-    """Between which places [m] of its way an obstacle would touch the body, at every time step,
-    both (n,); infinity and its negative where the body is not in its way."""
+def _taken(states: Array, boxes: Array, way: Array) -> Array:
+    """(n,) the first place [m] of its way at which an obstacle would touch the body, at every time
+    step; infinity where the body is not on its way."""
     wanted = np.arange(0.0, min(REACH, float(way[-1])), SPACING)
     at = np.unique(np.searchsorted(way, wanted))
     at = at[at < len(way)]
     ahead = np.repeat(boxes[at][:, None], len(states), axis=1)
     touched = separation(states, ahead) < 0.0
-    before, after = (way[np.concatenate(index)] for index in ((at[:1], at[:-1]), (at[1:], at[-1:])))
-    low = np.where(touched, before[:, None], np.inf).min(axis=0)
-    return low, np.where(touched, after[:, None], -np.inf).max(axis=0)
+    found: Array = np.where(touched, way[at][:, None], np.inf).min(axis=0)
+    return found
 
 
-def _answer(way: Array, low: Array, high: Array, dt: float) -> Array:
-    """(n,) the places that an obstacle comes to, as indices of its guessed way, if it must not be
-    between two (n,) at each time step [m]."""
+def _answer(way: Array, taken: Array, dt: float) -> Array:
+    """(n,) the places that an obstacle comes to, as indices of its guessed way, of which some (n,)
+    are taken [m]; within reach, who is past the taken place already stands, too."""
     index = np.zeros(len(way))
     p, v, at = 0.0, float(way[1] - way[0]) / dt, 0.0
     for k in range(1, len(way)):
         onward = float(np.interp(at + 1.0, np.arange(len(way)), way))
         wanted, bt = (onward - p) / dt, BRAKING * HEADWAY
-        # who has come past the body already need not wait for it
-        room = max(float(low[k]) - p - GAP, 0.0) if p <= high[k] else np.inf
+        room = max(float(taken[k]) - p - GAP, 0.0) if p < REACH else np.inf
         allowed = np.sqrt(bt**2 + 2 * BRAKING * room) - bt
         after = max(min(wanted, allowed), v - HARDEST * dt, 0.0)
         if after >= wanted:
