@@ -14,6 +14,8 @@ from dataclasses import replace
 import numpy as np
 
 from mpcplan.observation import Box, Forecast
+from mpcplan.predict.following import HARDEST
+from mpcplan.predict.kinds import CAR
 from mpcplan.trajectory import Array, Trajectory
 from mpcplan.verify.drivability import separation
 
@@ -22,7 +24,6 @@ REACH = 8.0  # m, of his way that must be free,
 SPACING = 0.5  # m, looked at where boxes on it are this far apart
 GAP = 0.5  # m, kept to the body, less half a spacing,
 HEADWAY = 0.2  # s, in this time,
-BRAKING, HARDEST = 4.5, 9.0  # m/s^2, counted on and possible
 NEAR = 3.0  # m, who will come this near to the place of another one,
 CLOSE = 12.0  # m, and is no further away, stands behind him
 STILL = 1e-3  # m, no way
@@ -92,9 +93,9 @@ def _answer(way: Array, taken: Array, dt: float) -> Array:
     p, v, at = 0.0, float(way[1] - way[0]) / dt, 0.0
     for k in range(1, len(way)):
         onward = float(np.interp(at + 1.0, np.arange(len(way)), way))
-        wanted, bt = (onward - p) / dt, BRAKING * HEADWAY
+        wanted, bt = (onward - p) / dt, CAR.deceleration * HEADWAY
         room = max(float(taken[k]) - p - GAP, 0.0) if p < REACH else np.inf
-        allowed = np.sqrt(bt**2 + 2 * BRAKING * room) - bt
+        allowed = np.sqrt(bt**2 + 2 * CAR.deceleration * room) - bt
         after = max(min(wanted, allowed), v - HARDEST * dt, 0.0)
         if after >= wanted:
             p, at = onward, min(at + 1.0, len(way) - 1.0)
