@@ -12,6 +12,7 @@ from mpcplan.predict.lane_follow import LaneFollow
 from mpcplan.predict.recorded import Recorded
 from mpcplan.trajectory import Trajectory
 
+UNKNOWN = [pytest.approx(np.nan, nan_ok=True)] * 2  # spreads where nobody is predicted to move
 FIRST = 7  # time step at which the run begins
 
 
@@ -62,7 +63,7 @@ def test_the_error_is_the_distance_of_the_centres():
     for begin in (0, 10, 20, 30):
         for v in (9.0, 4.0):
             expected += [("unknown", s, v * s) for s in (1.0, 2.0, 3.0) if begin + 10 * s <= 40]
-    found = sorted(tuple(row) for row in rows)
+    found = sorted(tuple(row)[:3] for row in rows)
     assert [row[:2] for row in found] == [row[:2] for row in sorted(expected)]
     assert [row[2] for row in found] == pytest.approx([row[2] for row in sorted(expected)])
 
@@ -134,15 +135,38 @@ def test_on_a_lane_lane_follow_is_better_than_constant_input():
     assert len(errors[0]) == len(errors[1]) and mean[0] < mean[1]
 
 
+def test_the_spread_is_the_error_along_the_way_over_the_predicted_way():
+    """At 9 m/s and 1 m/s^2 constant_input, which knows no acceleration yet, is t^2 / 2 behind after
+    9 t; who drives 0.3 m/s has hardly any way in three seconds, and no spread."""
+    rows = displacement_errors(
+        ConstantInput(PredictConfig(), DT), run(41, 9.0, 0.3, a=1.0), ego(41), DT, every=100
+    )
+    spread = {row.seconds: row.spread for row in rows if np.isfinite(row.spread)}
+    assert spread == pytest.approx({t: t**2 / 2 / (9 * t) for t in (1.0, 2.0, 3.0)})
+    assert sum(np.isnan(row.spread) for row in rows) == 3
+
+
+def test_an_error_to_the_side_is_no_spread():
+    def aside(observation: Observation) -> Forecast:
+        known = Recorded(as_forecast(run(60, 9.0)))(observation)
+        boxes = known.boxes.copy()
+        boxes[:, 1:, Box.Y] += 2.0
+        return Forecast(known.first_step, known.ids, boxes)
+
+    rows = displacement_errors(aside, run(60, 9.0), ego(60), DT, every=20)
+    assert rows and [row.distance for row in rows] == pytest.approx([2.0] * len(rows))
+    assert [row.spread for row in rows] == pytest.approx([0.0] * len(rows), abs=1e-12)
+
+
 def test_the_summary_by_kind_and_time():
-    rows = [ErrorRow("car", 1.0, d) for d in (1.0, 2.0, 6.0)]
+    rows = [ErrorRow("car", 1.0, d, d / 10) for d in (1.0, 2.0, 6.0)]
     rows += [ErrorRow("bus", 1.0, 4.0), ErrorRow("car", 2.0, 5.0)]
     assert summary(rows) == [
-        ErrorSummary("car", 1.0, 3, 3.0, 2.0, pytest.approx(5.6)),
-        ErrorSummary("car", 2.0, 1, 5.0, 5.0, 5.0),
-        ErrorSummary("bus", 1.0, 1, 4.0, 4.0, 4.0),
-        ErrorSummary("all", 1.0, 4, 3.25, 3.0, pytest.approx(5.7)),
-        ErrorSummary("all", 2.0, 1, 5.0, 5.0, 5.0),
+        ErrorSummary("car", 1.0, 3, 3.0, 2.0, pytest.approx(5.6), 0.2, pytest.approx(0.52)),
+        ErrorSummary("car", 2.0, 1, 5.0, 5.0, 5.0, *UNKNOWN),
+        ErrorSummary("bus", 1.0, 1, 4.0, 4.0, 4.0, *UNKNOWN),
+        ErrorSummary("all", 1.0, 4, 3.25, 3.0, pytest.approx(5.7), 0.2, pytest.approx(0.52)),
+        ErrorSummary("all", 2.0, 1, 5.0, 5.0, 5.0, *UNKNOWN),
     ]
     assert summary([]) == []
 

@@ -26,7 +26,10 @@ from mpcplan.vehicle import FORD_ESCORT as CAR
 
 KINDS = ("constant_input", "lane_follow")
 SIMULATED = ".simulated.cr.xml"
-HEADER = ("prediction", "obstacle", "seconds", "number", "mean", "median", "p95")
+HEADER = (
+    "prediction", "obstacle", "seconds", "number", "mean", "median", "p95", "spread_p50",
+    "spread_p90",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -94,11 +97,12 @@ def as_table(errors: Sequence[ForecastErrors]) -> str:
 
 
 def as_csv(errors: Sequence[ForecastErrors]) -> str:
-    """The errors as CSV, distances in m."""
+    """The errors as CSV, distances in m, spreads as parts of the predicted way."""
     cells = (_cells(found.kind, row) for found in errors for row in found.rows)
     return csv_text((dict(zip(HEADER, line, strict=True)) for line in cells), HEADER)
 
 
 def _cells(kind: str, row: ErrorSummary) -> list[str]:
-    numbers = (f"{value:.2f}" for value in (row.mean, row.median, row.p95))
-    return [kind, row.kind, f"{row.seconds:g}", str(row.number), *numbers]
+    numbers = [f"{value:.2f}" for value in (row.mean, row.median, row.p95)]
+    spread = ["" if np.isnan(x) else f"{x:.3f}" for x in (row.spread50, row.spread90)]
+    return [kind, row.kind, f"{row.seconds:g}", str(row.number), *numbers, *spread]

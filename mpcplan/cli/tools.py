@@ -115,7 +115,9 @@ def forecasts(args: argparse.Namespace) -> int:
         if args.csv is not None:
             with writing_to(args.csv):
                 write_whole(args.csv, as_csv(errors))
-    print(f"displacement of the centres [m]\n{as_table(errors)}")
+    print(
+        f"displacement of the centres [m], spread along the predicted way [1]\n{as_table(errors)}"
+    )
     return OK
 
 

@@ -1,4 +1,13 @@
-"""How far predictions were off: displacement of the centres against what then happened."""
+"""How far predictions were off: displacement of the centres against what then happened.
+
+What is guessed wrongly is mostly how fast somebody drives. The spread along the way,
+
+    |e_along| / l,
+
+is the part of the displacement along the predicted heading relative to the way l that was predicted
+to be driven: by this part of l a box has to grow at either end to hold what happens
+(``predict.spread_along``).
+"""
 
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
@@ -7,23 +16,27 @@ import numpy as np
 
 from mpcplan.observation import Box, Observation, Snapshot, as_forecast
 from mpcplan.predict.predictor import Predictor
-from mpcplan.trajectory import Input, Trajectory
+from mpcplan.trajectory import Array, Input, Trajectory
 
 SECONDS = (1.0, 2.0, 3.0)  # after which predictions are compared
 HISTORY = 10  # past snapshots that an observation holds
 ALL = "all"  # kinds together, in a summary
+SHORTEST = 1.0  # m, of predicted way from which a spread is told
 
 
 class ErrorRow(NamedTuple):
-    """One prediction of one obstacle: its kind, how far ahead [s], and how far off it was [m]."""
+    """One prediction of one obstacle: its kind, how far ahead [s], how far off it was [m], and its
+    spread along the way [1] (NaN where hardly any way was predicted)."""
 
     kind: str
     seconds: float
     distance: float
+    spread: float = float("nan")
 
 
 class ErrorSummary(NamedTuple):
-    """Displacement errors [m] of a kind of obstacle at a time ahead [s]."""
+    """Displacement errors [m] of a kind of obstacle at a time ahead [s], and spreads along the way
+    [1] that half and nine in ten predictions stay within (NaN: nobody was predicted to move)."""
 
     kind: str
     seconds: float
@@ -31,6 +44,8 @@ class ErrorSummary(NamedTuple):
     mean: float
     median: float
     p95: float
+    spread50: float = float("nan")
+    spread90: float = float("nan")
 
 
 def displacement_errors(
@@ -74,13 +89,26 @@ def displacement_errors(
         first = [forecast.ids.index(number) for number in now.ids]
         then = np.array([k for _, k in ahead])
         true = seen.boxes[[row[number] for number in now.ids]][:, then - begin]
-        gap = forecast.at(then)[first][..., : Box.PSI] - true[..., : Box.PSI]
+        guess = forecast.at(then)[first]
+        gap = guess[..., : Box.PSI] - true[..., : Box.PSI]
         distance = np.hypot(gap[..., Box.X], gap[..., Box.Y])
+        spread = _spread(guess, gap, now.boxes)
         found += [
-            ErrorRow(now.kind_of(now.ids[i]), ahead[k][0], float(distance[i, k]))
+            ErrorRow(
+                now.kind_of(now.ids[i]), ahead[k][0], float(distance[i, k]), float(spread[i, k])
+            )
             for i, k in np.argwhere(np.isfinite(distance))
         ]
     return found
+
+
+def _spread(guess: Array, gap: Array, now: Array) -> Array:
+    """(n, k) spreads along the way of guessed boxes (n, k, 6) that are (n, k, 2) [m] off, of who is
+    at boxes (n, 6) now; the way is taken to be straight."""
+    way = np.hypot(*np.moveaxis(guess[..., : Box.PSI] - now[:, None, : Box.PSI], -1, 0))
+    psi = guess[..., Box.PSI]
+    along = gap[..., Box.X] * np.cos(psi) + gap[..., Box.Y] * np.sin(psi)
+    return np.where(way >= SHORTEST, np.abs(along) / np.maximum(way, SHORTEST), np.nan)
 
 
 def _observation(past: Sequence[Snapshot], ego: Trajectory, step: int) -> Observation:
@@ -92,19 +120,23 @@ def _observation(past: Sequence[Snapshot], ego: Trajectory, step: int) -> Observ
 
 def summary(rows: Iterable[ErrorRow]) -> list[ErrorSummary]:
     """Errors by kind and time ahead, and of all kinds together; the most frequent kind first."""
-    groups: dict[tuple[str, float], list[float]] = {}
-    for kind, seconds, distance in rows:
-        for name in (kind, ALL):
-            groups.setdefault((name, seconds), []).append(distance)
+    groups: dict[tuple[str, float], list[ErrorRow]] = {}
+    for row in rows:
+        for name in (row.kind, ALL):
+            groups.setdefault((name, row.seconds), []).append(row)
     total: dict[str, int] = {}
-    for (kind, _), distances in groups.items():
-        total[kind] = total.get(kind, 0) + len(distances)
+    for (kind, _), found in groups.items():
+        total[kind] = total.get(kind, 0) + len(found)
     order = sorted(groups, key=lambda key: (key[0] == ALL, -total[key[0]], *key))
-    return [
-        ErrorSummary(
-            kind, seconds, len(values), float(values.mean()), float(np.median(values)),
-            float(np.percentile(values, 95)),
-        )
-        for kind, seconds in order
-        if len(values := np.array(groups[kind, seconds]))
-    ]  # fmt: skip
+    return [_summary_of(*key, groups[key]) for key in order]
+
+
+def _summary_of(kind: str, seconds: float, rows: Sequence[ErrorRow]) -> ErrorSummary:
+    """The summary of rows of one kind and time ahead."""
+    off = np.array([row.distance for row in rows])
+    spread = np.array([row.spread for row in rows if np.isfinite(row.spread)])
+    half, most = np.percentile(spread, (50, 90)).tolist() if len(spread) else (np.nan, np.nan)
+    return ErrorSummary(
+        kind, seconds, len(rows), float(off.mean()), float(np.median(off)),
+        float(np.percentile(off, 95)), half, most,
+    )  # fmt: skip
