@@ -18,15 +18,15 @@ from mpcplan.predict.lanes import Lanes
 from mpcplan.predict.right_of_way import conflicts
 from mpcplan.reassociate import planned_roads
 from mpcplan.road.road import Road
+from mpcplan.scenario import LoadedScenario
 from mpcplan.task import task_of
 
 PAST = 5.0  # m, past the goal's begin a crossing still counts
 ASIDE = 3.0  # m, from the reference: the crossing is on the way
 
 
-def crosses(path: Path) -> bool:
+def crosses(loaded: LoadedScenario) -> bool:
     """Whether other lanes cross the way of a scenario's first planning problem."""
-    loaded = load(path)
     task = task_of(loaded, loaded.problems[0])
     problem = task.problem.planning_problem
     lanes = Lanes(task.road_map.lanelet_network)
@@ -62,11 +62,11 @@ def main() -> None:
     rows = read(arguments.results)
     counted, lost = 0, []
     for path in sorted(arguments.scenarios.iterdir()):
-        name = load(path).id
-        if name in rows and crosses(path):
+        loaded = load(path)
+        if loaded.id in rows and crosses(loaded):
             counted += 1
-            if rows[name]["valid"] != "True":
-                lost.append(name)
+            if rows[loaded.id]["valid"] != "True":
+                lost.append(loaded.id)
     print(f"{counted - len(lost)} of {counted} solved; not: {', '.join(lost) or 'none'}")
 
 
