@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mpcplan.cli.common import FAILED, OK, configured, made_folder
+from mpcplan.cli.common import FAILED, NOTE, OK, configured, line, made_folder
 from mpcplan.console import progress, quiet
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def solve(args: argparse.Namespace) -> int:
 
         picture = folder / f"{loaded.id}.png"
         plot_run(run, picture, rules)
-    print("\n".join(f"{'files' if not i else '':<10}{f}" for i, f in enumerate([*files, picture])))
+    print("\n".join(line("" if i else "files", f) for i, f in enumerate([*files, picture])))
     return OK if run.solved and verdict is not None and verdict.valid else FAILED
 
 
@@ -69,14 +69,14 @@ def _report(run: "Run", judgement: "Judgement | None") -> str:
     from mpcplan.score.verdict import verdict_lines
 
     verdict = judgement.verdict if judgement is not None else None
-    lines = [f"{'note':<10}{note}" for note in run.notes]
+    lines = [line(NOTE, note) for note in run.notes]
     if verdict is None or not verdict.valid:
-        lines += [f"{'scenario':<10}{fault}" for fault in (fault_of(run.loaded),) if fault]
+        lines += [line("scenario", fault) for fault in (fault_of(run.loaded),) if fault]
     lines += [_goal_line(drive, run.loaded.dt) for drive in run.drives]
     lines += verdict_lines(verdict) if verdict is not None else []
     if judgement is not None and judgement.late is not None:
         late = judgement.late
-        lines.append(f"{'late':<10}replayed one step late: {late.cause or 'valid'}")
+        lines.append(line("late", f"replayed one step late: {late.cause or 'valid'}"))
     lines += _times("planning", "cycles", run.planning_ms)
     lines += _times("traffic", "steps", run.step_ms) if run.loaded.interactive else []
     return "\n".join([f"{run.loaded.id}: {_outcome(run, verdict)}", *lines])
@@ -91,7 +91,7 @@ def rules_told(run: "Run") -> "tuple[tuple[RulesDriven, ...], list[str]]":
     try:
         rules = rules_of(run)
     except Exception as error:  # whatever it is: the drive and its verdict stand
-        return (), [f"{'rules':<10}not judged: {type(error).__name__}: {error}"]
+        return (), [line("rules", f"not judged: {type(error).__name__}: {error}")]
     worst = together(rules)
     flow = "violated" if worst.traffic_flow.lowest < 0 else "kept"
     return rules, [
@@ -102,8 +102,8 @@ def rules_told(run: "Run") -> "tuple[tuple[RulesDriven, ...], list[str]]":
 
 def _rule_line(name: str, told: str, rule: "Robustness", unit: str) -> str:
     if rule.step is None:
-        return f"{name:<10}{told}: it never applies"
-    return f"{name:<10}{told}: lowest robustness {rule.lowest:.2f} {unit} at step {rule.step}"
+        return line(name, f"{told}: it never applies")
+    return line(name, f"{told}: lowest robustness {rule.lowest:.2f} {unit} at step {rule.step}")
 
 
 def _times(what: str, of: str, times_ms: "np.ndarray") -> list[str]:
@@ -113,7 +113,7 @@ def _times(what: str, of: str, times_ms: "np.ndarray") -> list[str]:
     if not len(times_ms):
         return []
     p50, p95, top = map(_milliseconds, np.percentile(times_ms, (50, 95, 100)))
-    return [f"{what:<10}{len(times_ms)} {of}, p50 {p50}, p95 {p95}, longest {top}"]
+    return [line(what, f"{len(times_ms)} {of}, p50 {p50}, p95 {p95}, longest {top}")]
 
 
 def _milliseconds(value: float) -> str:
@@ -130,7 +130,7 @@ def _outcome(run: "Run", verdict: "Verdict | None") -> str:
 def _goal_line(drive: "Drive", dt: float) -> str:
     step, name = drive.reached_step, f"problem {drive.problem_id}: "
     reached = f"reached at step {step} ({step * dt:.1f} s)" if step is not None else drive.cause
-    return f"{'goal':<10}{name}{reached.removeprefix(name)}"
+    return line("goal", f"{name}{reached.removeprefix(name)}")
 
 
 def evaluate(args: argparse.Namespace) -> int:

@@ -5,7 +5,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from mpcplan.cli.common import FAILED, OK, configured, made_folder
+from mpcplan.cli.common import FAILED, NOTE, OK, configured, line, made_folder
 from mpcplan.console import doing, progress, quiet
 from mpcplan.errors import InputError, MpcplanError
 
@@ -127,8 +127,8 @@ def twin(args: argparse.Namespace) -> int:
         from mpcplan.sumo.twin import make_twin
 
         twin = make_twin(args.scenario, args.out)
-    lines = [f"{twin.id} in {twin.folder}", *(f"{'note':<10}{note}" for note in twin.notes)]
-    print("\n".join([*lines, f"{'drive it':<10}mpcplan solve {twin.folder}"]))
+    lines = [f"{twin.id} in {twin.folder}", *(line(NOTE, note) for note in twin.notes)]
+    print("\n".join([*lines, line("drive it", f"mpcplan solve {twin.folder}")]))
     return OK
 
 
