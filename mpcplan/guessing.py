@@ -1,4 +1,4 @@
-"""What a planner does otherwise where the others' motion is a guess."""
+"""What a planner does otherwise where the others' motion is a guess, or nothing else leads on."""
 
 from mpcplan.config import Config
 
@@ -29,3 +29,13 @@ def without_haste(config: Config) -> Config:
     if not config.cost.haste:
         return config
     return config.model_copy(update={"cost": config.cost.model_copy(update={"haste": 0.0})})
+
+
+def in_the_last_moment(config: Config) -> Config:
+    """The same configuration with the accelerations that are kept for the last moment; itself where
+    there are none."""
+    seed = config.seed
+    if not seed.last_accelerations:
+        return config
+    actions = tuple(sorted({*seed.search_actions, *seed.last_accelerations}))
+    return config.model_copy(update={"seed": seed.model_copy(update={"search_actions": actions})})

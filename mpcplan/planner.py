@@ -9,13 +9,10 @@ plan; where the others' motion is a guess, a refused plan that can still be brok
 that trusts who follows; emergency braking along the lane. Each fall is in the plan's trace.
 """
 
-from dataclasses import replace
-
 from mpcplan.choice import choose
 from mpcplan.config import Config
 from mpcplan.cycle import Cycle
 from mpcplan.develop import LAST_PLAN, Developer
-from mpcplan.game.decide import Decision
 from mpcplan.game.match import Match, Played
 from mpcplan.guessing import for_guesses, without_haste
 from mpcplan.observation import Forecast, Observation
@@ -27,17 +24,16 @@ from mpcplan.refine.refine import Watch
 from mpcplan.risk import risks
 from mpcplan.road.association import Judgement
 from mpcplan.road.road import Road
-from mpcplan.seed.candidates import Effort, distinct, find_seeds
+from mpcplan.seed.candidates import Effort, distinct
 from mpcplan.seed.level_k import LEVEL_K
-from mpcplan.seed.manoeuvre import manoeuvre_seeds
 from mpcplan.seed.seed import Seed, SeedReport, merged, words
 from mpcplan.seed.track import frenet_states
+from mpcplan.seeking import Resorts, Seeker
 from mpcplan.task import Task
-from mpcplan.trajectory import State, Trajectory
+from mpcplan.trajectory import Trajectory
 from mpcplan.verify.guard import Guard
 from mpcplan.witness import Witness
 
-HOPEFUL = "hopeful"  # before the source of a plan that counts on the others' making way
 RISEN = 2.0  # of cost, since the plan was decided on
 WORTHWHILE = 0.97  # a new seed is refined beside the last plan if its cost is below this share
 
@@ -64,7 +60,6 @@ class Planner:
         config = config or Config()
         known = task.recorded is not None and config.predict.kind in ("auto", "recorded")
         self.config = config if known else for_guesses(config)
-        self._calm = without_haste(self.config)
         self.problem, self.dt = task.problem, task.dt
         goal = task.problem.planning_problem
         self.roads = planned_roads(task.road_map, goal, self.config)
@@ -73,7 +68,11 @@ class Planner:
         self._predict = make_predictor(task, self.config.predict)
         self._guard = Guard(self.config, self.dt)
         self._developer = Developer(goal, self._guard, self.config, self.dt, watch)
-        self._calm_developer = Developer(goal, self._guard, self._calm, self.dt, watch)
+        calm = without_haste(self.config)
+        hasty = calm is not self.config
+        self._calm = Developer(goal, self._guard, calm, self.dt, watch) if hasty else None
+        self._seeker = Seeker(self.config, self.dt, witness)
+        self._resorts = Resorts(self.config, self._seeker, self._guard, self._developer, self.dt)
         plays = self.config.game.enabled and not known
         network = task.road_map.lanelet_network
         self._witness = witness
@@ -181,62 +180,22 @@ class Planner:
         if options:
             bar = WORTHWHILE * min(option.cost for option in options)
             seeds = [s for s in seeds if (s.reaches_goal or not goes_on) and s.cost < bar]
+        road = self._current_road
         if not goes_on and not any(seed.reaches_goal for seed in seeds):
-            self._hope(cycle, options, refused)
+            self._resorts.hope(cycle, road, options, refused)
         if goes_on or not any(option.reaches_goal for option in options):
             finalists = distinct(seeds, 1 if goes_on else self.config.seed.finalists)
             decided = [seed for seed in seeds if seed.source == LEVEL_K and seed not in finalists]
             for seed in finalists + decided:
                 self._developer.develop(cycle, seed, options, refused)
         if not any(option.reaches_goal for option in options):
-            reports += self._manoeuvre(cycle, options, refused)
-        if not options and self._calm is not self.config:
-            self._take_time(cycle, options, refused)
+            reports += self._resorts.manoeuvre(cycle, road, options, refused)
+        if not any(option.reaches_goal for option in options):
+            self._resorts.last_moment(cycle, road, options, refused)
+        if not options and self._calm is not None:
+            self._resorts.take_time(cycle, road, options, refused, self._calm)
         options.sort(key=lambda option: (not option.reaches_goal, option.cost))
         return options, reports, refused
-
-    def _take_time(self, cycle: Cycle, options: list[Option], refused: list[Option]) -> None:
-        """Adds plans that are not in haste, where none passes that is."""
-        seeds, _ = self._seeds_of(cycle, self._current_road, Effort.ALWAYS, self._calm)
-        for seed in distinct(seeds, self.config.seed.finalists):
-            self._calm_developer.develop(cycle, seed, options, refused)
-
-    def _hope(self, cycle: Cycle, options: list[Option], refused: list[Option]) -> None:
-        """Adds plans to the goal that count on the others' making way later than is verified.
-
-        A guess that far ahead is no reason to give up the goal: who waits far from a crossing
-        until the whole way is predicted to be free may wait for ever.
-        """
-        levels = () if cycle.forecast.exact else self.config.predict.hope
-        for later in levels:
-            hopeful = replace(cycle, certain=self._guard.certain + round(later / self.dt))
-            seeds, _ = self._seeds_of(hopeful, self._current_road, Effort.PLAIN)
-            reaching = [seed for seed in seeds if seed.reaches_goal]
-            for seed in distinct(reaching, self.config.seed.finalists):
-                told = replace(seed, source=f"{HOPEFUL} {seed.source}")
-                self._developer.develop(hopeful, told, options, refused)
-            if any(option.reaches_goal for option in options):
-                return
-
-    def _manoeuvre(
-        self, cycle: Cycle, options: list[Option], refused: list[Option]
-    ) -> list[SeedReport]:
-        """Adds a plan to the goal along a path made for narrow places; the report, if it is sought.
-
-        It asks for low speed and much steering: it is for when nothing else leads on.
-        """
-        seen, road, config = cycle.observation, self._current_road, self.config.seed
-        if not config.manoeuvre or float(seen.state[State.V]) > config.manoeuvre_speed:
-            return []
-        around = cycle.around(road)
-        with cycle.clock("seed"):
-            seeds, report = manoeuvre_seeds(
-                road, seen.state, seen.acceleration, seen.step, around, self.config, self.dt
-            )
-        for seed in seeds:
-            if seed.reaches_goal:
-                self._developer.develop(cycle, seed, options, refused)
-        return [report]
 
     @property
     def _current_road(self) -> Road:
@@ -264,28 +223,11 @@ class Planner:
             if goes_on:
                 effort = Effort.PLAIN if worse else Effort.NEVER
             decision = played.decision if played is not None and road is current else None
-            seeds, told = self._seeds_of(cycle, road, effort, decision=decision)
+            seeds, told = self._seeker.seek(cycle, road, effort, decision=decision)
             found += seeds
             reports += told
         found.sort(key=lambda seed: (not seed.reaches_goal, seed.cost))
         return found, merged(reports)
-
-    def _seeds_of(
-        self,
-        cycle: Cycle,
-        road: Road,
-        effort: Effort,
-        config: Config | None = None,
-        decision: Decision | None = None,
-    ) -> tuple[list[Seed], list[SeedReport]]:
-        """Seeds of one road, with the planner's configuration or another one."""
-        seen, around = cycle.observation, cycle.around(road)
-        sampled = self._witness.sampled if self._witness is not None else None
-        with cycle.clock("seed"):
-            return find_seeds(
-                road, seen.state, seen.acceleration, seen.step, around, config or self.config,
-                self.dt, effort, decision, sampled,
-            )  # fmt: skip
 
     def _continue(self, cycle: Cycle) -> tuple[Seed, Trajectory, bool] | None:
         """What is left of the last plan, as a seed and as it was, and whether it has settled."""

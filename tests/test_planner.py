@@ -18,6 +18,7 @@ from commonroad.scenario.obstacle import ObstacleType, StaticObstacle
 from mpcplan import planner as planner_module
 from mpcplan.config import Config
 from mpcplan.develop import KEPT, Developer
+from mpcplan.guessing import in_the_last_moment
 from mpcplan.observation import Box, Observation, Snapshot
 from mpcplan.plan import Option, Plan
 from mpcplan.planner import Planner
@@ -27,6 +28,7 @@ from mpcplan.refine.qp import QpSolver
 from mpcplan.road.goal import is_reached
 from mpcplan.scenario import LoadedScenario, load
 from mpcplan.seed.candidates import Effort
+from mpcplan.seeking import LAST_MOMENT
 from mpcplan.simulate.loop import HISTORY, drive
 from mpcplan.simulate.recorded import RecordedTraffic
 from mpcplan.simulate.run import Run
@@ -496,6 +498,33 @@ def test_the_goal_is_not_given_up_for_cars_that_stand_in_the_way_now(tmp_path):
 def test_what_will_never_move_is_no_hope(tmp_path):
     plan = blocked(tmp_path, "parkedVehicle")
     assert plan.finding.ok and not plan.reaches_goal
+
+
+@pytest.mark.parametrize(("kept", "reaches"), [((6.0,), True), ((), False)])
+def test_the_last_moment_asks_for_accelerations_that_are_kept_for_it(tmp_path, kept, reaches):
+    """Both lanes are taken for two seconds; after that only hard acceleration is in time."""
+    sides = (made.LANE / 2, 1.5 * made.LANE)
+    taken = [made.car(30 + k, 30, y, 0.0, steps=20) for k, y in enumerate(sides)]
+    start, goal = made.state(10, made.LANE / 2, 4), made.goal(Rectangle(10, 3, made.at(56, 2)))
+    loaded = load(made.write(tmp_path, made.problem(9, start, goal), obstacles=taken))
+    plan = planned(loaded, configured(seed={"last_accelerations": kept}))
+    assert plan.finding.ok and plan.reaches_goal == reaches
+    assert plan.source.startswith(LAST_MOMENT) == reaches
+
+
+def test_nobody_accelerates_as_in_the_last_moment_while_another_plan_reaches_the_goal():
+    for name in ("Follow", "CutIn", "Merge"):
+        plan = planned(bundled(name))
+        assert plan.reaches_goal and not plan.source.startswith(LAST_MOMENT)
+        told = [option["source"] for option in plan.trace["options"]]
+        assert not any(source.startswith(LAST_MOMENT) for source in told)
+
+
+def test_the_last_moment_adds_accelerations_once():
+    config = configured(seed={"search_actions": (-3.0, 0.0, 3.0), "last_accelerations": (6.0, 3.0)})
+    assert in_the_last_moment(config).seed.search_actions == (-3.0, 0.0, 3.0, 6.0)
+    none = configured(seed={"last_accelerations": ()})
+    assert in_the_last_moment(none) is none
 
 
 # -- closed loop ----------------------------------------------------------------------------------

@@ -26,7 +26,7 @@ CELL_SECONDS = 1200
 API = {  # pages of the reference: title, and the packages or modules on it
     "interface": ("Interface", [
         "mpcplan", "config", "errors", "task", "observation", "trajectory", "vehicle", "plan",
-        "planner", "cycle", "develop", "choice", "guessing", "risk", "reassociate",
+        "planner", "seeking", "cycle", "develop", "choice", "guessing", "risk", "reassociate",
         "plug", "environment", "witness", "console",
     ]),
     "road": ("Road and loading", [

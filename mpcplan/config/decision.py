@@ -65,6 +65,9 @@ class SeedConfig(Section):
         "accelerations of the search",
         min_length=2,
     )
+    last_accelerations: tuple[float, ...] = par(
+        (6.0,), "m/s^2", "further accelerations of the search where nothing else reaches the goal"
+    )
     search_labels: int = par(1500, "1", "states kept per move of the search", ge=10, le=100000)
     manoeuvre: bool = par(
         True, "", "at low speed, search a narrow way around the others where nothing else leads on"

@@ -28,7 +28,7 @@ class VerifyConfig(Section):
         le=60,
     )
     waiting: bool = par(
-        False,
+        True,
         "",
         "where the others' motion is a guess, plans must also be safe from who stands now if he "
         "has not moved by the next cycle",
@@ -40,7 +40,7 @@ class VerifyConfig(Section):
         "his way by then",
     )
     trusting: bool = par(
-        False,
+        True,
         "",
         "where the others' motion is a guess and no plan that passes leads to the goal, drive one "
         "that only those refuse who follow at the safe distance",

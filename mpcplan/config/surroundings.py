@@ -133,7 +133,7 @@ class PredictConfig(Section):
         1.5, "1/s", "cost.haste is at least this where the others' motion is a guess", ge=0, le=100
     )
     safe_distance: float = par(
-        0.0,
+        5.0,
         "1/(m s)",
         "cost.safe_distance is at least this where the others' motion is a guess",
         ge=0,
