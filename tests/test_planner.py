@@ -15,7 +15,7 @@ from commonroad.common.solution import CommonRoadSolutionWriter
 from commonroad.geometry.shape import Rectangle
 from commonroad.scenario.obstacle import ObstacleType, StaticObstacle
 
-from mpcplan import planner as planner_module
+from mpcplan import seeking
 from mpcplan.config import Config
 from mpcplan.develop import KEPT, Developer
 from mpcplan.guessing import in_the_last_moment
@@ -28,7 +28,7 @@ from mpcplan.refine.qp import QpSolver
 from mpcplan.road.goal import is_reached
 from mpcplan.scenario import LoadedScenario, load
 from mpcplan.seed.candidates import Effort
-from mpcplan.seeking import LAST_MOMENT
+from mpcplan.seeking import HOPEFUL, LAST_MOMENT
 from mpcplan.simulate.loop import HISTORY, drive
 from mpcplan.simulate.recorded import RecordedTraffic
 from mpcplan.simulate.run import Run
@@ -155,6 +155,7 @@ def test_plans_in_haste_that_fail_give_way_to_plans_that_take_their_time():
     loaded = bundled("Follow")
     planner = Planner(task_of(loaded, loaded.problems[0]), BLIND)
     planner._developer = Refusing(planner._developer)
+    planner._resorts = replace(planner._resorts, developer=planner._developer)
     plan = planner.plan(first_look(loaded))
     assert plan.finding.ok and plan.reaches_goal
     assert plan.trace["fallback"] is None
@@ -177,15 +178,16 @@ class Refusing:
 def test_where_a_plan_has_become_much_dearer_all_ways_are_looked_at_again(monkeypatch):
     """A guess that turns out wrong is a reason to decide anew, once; an exact forecast is none."""
     efforts: list[Effort] = []
-    real = planner_module.find_seeds
+    real = seeking.find_seeds
 
     def spied(*args: object) -> object:
         efforts.extend(arg for arg in args if isinstance(arg, Effort))
         return real(*args)
 
-    monkeypatch.setattr(planner_module, "find_seeds", spied)
+    monkeypatch.setattr(seeking, "find_seeds", spied)
     loaded = bundled("Follow")
-    planner = Planner(task_of(loaded, loaded.problems[0]), BLIND)
+    config = configured(predict={"kind": "constant_input", "safe_distance": 0.0})
+    planner = Planner(task_of(loaded, loaded.problems[0]), config)
     seen = first_look(loaded)
     plan, asked = planner.plan(seen), []
     for step, nearer in ((3, 0.0), (6, 16.0), (9, 16.0)):  # the leader is where none was guessed
@@ -491,7 +493,7 @@ def blocked(folder: Path, kind: str) -> Plan:
 def test_the_goal_is_not_given_up_for_cars_that_stand_in_the_way_now(tmp_path):
     """They may drive on; until they do, every plan can be broken off before them."""
     plan = blocked(tmp_path, "car")
-    assert plan.reaches_goal and plan.finding.ok and plan.trace["fallback"] is None
+    assert plan.reaches_goal and plan.finding.ok and plan.source.startswith(HOPEFUL)
     assert plan.trajectory.last_step > 30
 
 
@@ -562,7 +564,9 @@ def test_before_braking_a_plan_is_driven_that_trusts_who_follows(tmp_path, gap, 
     goal = made.goal(Rectangle(10, 3, made.at(120, made.LANE / 2)), end=110)
     path = made.write(tmp_path, made.problem(9, start, goal), obstacles=[follower])
     blind = {"kind": "constant_input", "horizon": 12.0, "reserve": 0.0, "haste": 0.0}
-    plan = planned(load(path), configured(predict=blind))
+    # accelerating as in the last moment would be trusted, too
+    config = configured(predict=blind, seed={"last_accelerations": ()})
+    plan = planned(load(path), config)
     assert plan.trace["fallback"].startswith(f"{driven}: ")
     assert "collision with obstacle 30" in plan.trace["fallback"]
 
