@@ -69,10 +69,11 @@ class Planner:
         self._guard = Guard(self.config, self.dt)
         self._developer = Developer(goal, self._guard, self.config, self.dt, watch)
         calm = without_haste(self.config)
-        hasty = calm is not self.config
-        self._calm = Developer(goal, self._guard, calm, self.dt, watch) if hasty else None
         self._seeker = Seeker(self.config, self.dt, witness)
-        self._resorts = Resorts(self.config, self._seeker, self._guard, self._developer, self.dt)
+        self._resorts = Resorts(
+            self.config, calm, self._seeker, self._guard, self._developer,
+            Developer(goal, self._guard, calm, self.dt, watch), self.dt,
+        )  # fmt: skip
         plays = self.config.game.enabled and not known
         network = task.road_map.lanelet_network
         self._witness = witness
@@ -192,8 +193,8 @@ class Planner:
             reports += self._resorts.manoeuvre(cycle, road, options, refused)
         if not any(option.reaches_goal for option in options):
             self._resorts.last_moment(cycle, road, options, refused)
-        if not options and self._calm is not None:
-            self._resorts.take_time(cycle, road, options, refused, self._calm)
+        if not options:
+            self._resorts.take_time(cycle, road, options, refused)
         options.sort(key=lambda option: (not option.reaches_goal, option.cost))
         return options, reports, refused
 

@@ -15,7 +15,7 @@ from mpcplan.config import Config
 from mpcplan.cycle import Cycle
 from mpcplan.develop import Developer
 from mpcplan.game.decide import Decision
-from mpcplan.guessing import in_the_last_moment, without_haste
+from mpcplan.guessing import in_the_last_moment
 from mpcplan.plan import Option
 from mpcplan.road.road import Road
 from mpcplan.seed.candidates import Effort, distinct, find_seeds
@@ -63,12 +63,18 @@ class Resorts:
 
     Every method adds to the options those that pass verification, and to the refused ones those
     that do not.
+
+    Attributes:
+        config, calm: the planner's configuration, and the same without haste.
+        developer, calm_developer: with either of them.
     """
 
     config: Config
+    calm: Config
     seeker: Seeker
     guard: Guard
     developer: Developer
+    calm_developer: Developer
     dt: float
 
     def hope(self, cycle: Cycle, road: Road, options: list[Option], refused: list[Option]) -> None:
@@ -115,13 +121,14 @@ class Resorts:
         self._develop(cycle, seeds, LAST_MOMENT, options, refused)
 
     def take_time(
-        self, cycle: Cycle, road: Road, options: list[Option], refused: list[Option],
-        developer: Developer,
-    ) -> None:  # fmt: skip
-        """Plans that are not in haste, made by a developer that is not either."""
-        seeds, _ = self.seeker.seek(cycle, road, Effort.ALWAYS, without_haste(self.config))
+        self, cycle: Cycle, road: Road, options: list[Option], refused: list[Option]
+    ) -> None:
+        """Plans that are not in haste."""
+        if self.calm is self.config:
+            return
+        seeds, _ = self.seeker.seek(cycle, road, Effort.ALWAYS, self.calm)
         for seed in distinct(seeds, self.config.seed.finalists):
-            developer.develop(cycle, seed, options, refused)
+            self.calm_developer.develop(cycle, seed, options, refused)
 
     def _develop(
         self, cycle: Cycle, seeds: list[Seed], told: str, options: list[Option],

@@ -487,14 +487,15 @@ def blocked(folder: Path, kind: str) -> Plan:
     x, y, psi = loaded.problems[0].start[[State.X, State.Y, State.PSI]]
     boxes = np.array([[x + 35, y + side, psi, 0.0, 4.5, 2.5] for side in (0.0, made.LANE)])
     seen = tuple(Snapshot(step, (1, 2), boxes, (kind, kind)) for step in range(-5, 1))
-    return Planner(task).plan(Observation(0, loaded.problems[0].start, 0.0, seen))
+    config = configured(verify={"waiting": False}, predict={"safe_distance": 0.0})
+    return Planner(task, config).plan(Observation(0, loaded.problems[0].start, 0.0, seen))
 
 
 def test_the_goal_is_not_given_up_for_cars_that_stand_in_the_way_now(tmp_path):
     """They may drive on; until they do, every plan can be broken off before them."""
     plan = blocked(tmp_path, "car")
-    assert plan.reaches_goal and plan.finding.ok and plan.source.startswith(HOPEFUL)
-    assert plan.trajectory.last_step > 30
+    assert plan.reaches_goal and plan.finding.ok and plan.trace["fallback"] is None
+    assert plan.source.startswith(HOPEFUL) and plan.trajectory.last_step > 30
 
 
 def test_what_will_never_move_is_no_hope(tmp_path):
